@@ -1,0 +1,36 @@
+# Each command sets up .venv from the lock first, if that is needed.
+PYTHON ?= python3
+BIN := .venv/bin
+
+.PHONY: demo test check bench figures lock clean
+
+demo: .venv/.ready
+	$(BIN)/clew demo
+
+test: .venv/.ready
+	$(BIN)/python -m pytest
+
+check: .venv/.ready
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/pyright
+
+bench: .venv/.ready
+	$(BIN)/python -m benchmarks
+
+figures: .venv/.ready
+	$(BIN)/python -m benchmarks.figures
+
+.venv/.ready: requirements.lock pyproject.toml
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+	touch $@
+
+# Only when a dependency changes; needs uv.
+lock:
+	uv pip compile pyproject.toml --group dev --universal --python-version 3.11 --generate-hashes \
+	  --no-emit-index-url --no-annotate --no-header --quiet --output-file requirements.lock
+
+clean:
+	rm -rf .venv sessions .pytest_cache .ruff_cache .hypothesis

@@ -1,0 +1,94 @@
+"""THE table: every topic of the bus, once. Keys, types, rates, QoS, who writes, who listens, what is recorded.
+
+The bus, the freshness checks, the health of a service, the recorder and the documentation are derived from it.
+"""
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Generic, TypeVar
+
+from schemas.estimation import CableForce
+from schemas.guidance import GuidanceCommand
+from schemas.health import Heartbeat
+from schemas.message import Message
+from schemas.safety import OperatorReply, OperatorRequest, SafetyState
+from schemas.simulation import Truth
+from schemas.tracking import HandleState, MocapFrame, RobotPose
+from schemas.vehicle import Setpoint, VehicleImu, VehicleState
+
+M_co = TypeVar("M_co", bound=Message, covariant=True)
+
+
+class Stance(Enum):
+    """How a topic is carried. Nothing ever blocks its publisher: a blocked put on a dead link stalls local delivery."""
+
+    STREAM = "newest wins, sent at once, ahead of everything: samples and set-points"
+    STATE = "sent at once, reliable on a living link: verdicts and states"
+    COMMAND = "as STATE; its sender repeats it until it is acknowledged"
+    BULK = "batched, after everything else: telemetry, truth, health"
+
+
+@dataclass(frozen=True)
+class Topic(Generic[M_co]):
+    """One row of the table. `rate_Hz` 0 means on demand: never stale."""
+
+    key: str
+    type: type[M_co]
+    publisher: str
+    subscribers: tuple[str, ...]
+    rate_Hz: float
+    stance: Stance
+    logged: bool
+    about: str
+
+    @property
+    def timeout_s(self) -> float:
+        """Age at which the newest message is stale: ten periods, at least 0.1 s."""
+        return max(10.0 / self.rate_Hz, 0.1) if self.rate_Hz else float("inf")
+
+
+SERVICES = (
+    "tracker",
+    "force_estimator",
+    "guiding_controller",
+    "safety_supervisor",
+    "px4_bridge",
+    "simulator",
+    "recorder",
+)
+OPERATOR = "operator"  # a person's console, not a service
+
+# fmt: off
+_S, _T, _C, _B = Stance.STREAM, Stance.STATE, Stance.COMMAND, Stance.BULK
+#                       key                  type             publisher             subscribers                    rate stance logged
+MOCAP_FRAME     = Topic("mocap/frame",       MocapFrame,      "simulator",          ("tracker",),                   60.0, _S, True, "rigid bodies as the simulated capture system sees them")
+HANDLE_STATE    = Topic("handle/state",      HandleState,     "tracker",            ("guiding_controller", "force_estimator", "safety_supervisor", "px4_bridge"), 60.0, _S, True, "p_H, v_H")
+ROBOT_POSE      = Topic("robot/pose",        RobotPose,       "tracker",            ("px4_bridge", "force_estimator"), 60.0, _S, True, "pose for the autopilot's estimator")
+VEHICLE_IMU     = Topic("vehicle/imu",       VehicleImu,      "px4_bridge",         ("force_estimator",),          250.0, _S, True, "inertial sample, attitude, thrust")
+VEHICLE_STATE   = Topic("vehicle/state",     VehicleState,    "px4_bridge",         ("guiding_controller", "safety_supervisor", "tracker"), 100.0, _S, True, "motion, mode, battery")
+CABLE_FORCE     = Topic("force/cable",       CableForce,      "force_estimator",    ("px4_bridge", "safety_supervisor", "tracker"), 250.0, _S, True, "f̂_c, bias, taut or slack")
+GUIDANCE        = Topic("guidance/command",  GuidanceCommand, "guiding_controller", ("px4_bridge", "safety_supervisor"), 100.0, _S, True, "p_R^d(s*), f^d(s*), s*")
+SAFETY_STATE    = Topic("safety/state",      SafetyState,     "safety_supervisor",  ("px4_bridge", "guiding_controller", "force_estimator", "simulator"), 100.0, _T, True, "phase, level, permit, reasons")
+SETPOINT        = Topic("setpoint/sent",     Setpoint,        "px4_bridge",         ("safety_supervisor",),        125.0, _S, True, "what the autopilot was told")
+REQUEST         = Topic("@cmd/request",      OperatorRequest, OPERATOR,             ("safety_supervisor",),          0.0, _C, True, "a person's command")
+REPLY           = Topic("safety/reply",      OperatorReply,   "safety_supervisor",  (OPERATOR,),                     0.0, _T, True, "the answer to it")
+TRUTH           = Topic("sim/truth",         Truth,           "simulator",          (),                            100.0, _B, True, "the simulated world as it is")
+HEALTH          = {name: Topic(f"health/{name}", Heartbeat,   name,                 (OPERATOR,),                     2.0, _B, True, f"the word of {name} about itself") for name in SERVICES}
+# fmt: on
+
+TOPICS: tuple[Topic[Message], ...] = (
+    MOCAP_FRAME,
+    HANDLE_STATE,
+    ROBOT_POSE,
+    VEHICLE_IMU,
+    VEHICLE_STATE,
+    CABLE_FORCE,
+    GUIDANCE,
+    SAFETY_STATE,
+    SETPOINT,
+    REQUEST,
+    REPLY,
+    TRUTH,
+    *HEALTH.values(),
+)
+BY_KEY = {topic.key: topic for topic in TOPICS}

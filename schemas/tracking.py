@@ -1,0 +1,44 @@
+"""Motion capture: what a system sees, and what is made of it."""
+
+from enum import StrEnum
+
+from schemas.message import Message, Part, Quaternion, Vec3
+
+
+class RigidBody(Part):
+    """One tracked body; position and attitude mean nothing while it is not tracked."""
+
+    tracked: bool
+    position_m: Vec3 = Vec3()
+    q_WB_wxyz: Quaternion = Quaternion()
+
+
+class MocapFrame(Message):
+    """One frame of the motion-capture system, as its driver delivers it."""
+
+    robot: RigidBody
+    handle: RigidBody
+
+
+class RobotPose(Message):
+    """Pose of the vehicle's centre of mass for the autopilot's estimator, jumps rejected."""
+
+    position_m: Vec3
+    q_WB_wxyz: Quaternion
+
+
+class HandleSource(StrEnum):
+    """Where the handle's position comes from."""
+
+    MOCAP = "mocap"
+    CABLE = "cable"  # from the robot and the cable force, while the handle is hidden
+    NONE = "none"
+
+
+class HandleState(Message):
+    """p_H and v_H: the point O_H where the cable meets the handle. `lag_s` is the filter's delay on a constant velocity."""
+
+    position_m: Vec3
+    velocity_mps: Vec3
+    source: HandleSource
+    lag_s: float

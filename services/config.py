@@ -1,0 +1,230 @@
+"""The configuration of a deployment: a profile and the files it names, validated once, before anything starts.
+
+A profile (deploy/profiles/*.toml) names a vehicle, a path and a person (deploy/vehicles, paths, people) and has one
+section per service. The shape of each section stands beside the law that uses it; limits across sections stand here.
+A launched service reads the resolved configuration from one JSON file, which is also recorded.
+"""
+
+import json
+import tomllib
+from collections.abc import Iterator
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Self, cast
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from schemas.topics import SERVICES
+from services import sections
+from services.cable import Cable
+from services.guiding_controller import path_file
+from services.guiding_controller.path import Path as GuidedPath
+from services.parameters import NonNegative, Positive, parameters
+from services.physics import GRAVITY_MPS2
+from services.px4_bridge.admittance import check as check_virtual_mass
+from services.recorder.writer import Recorder
+
+
+class ConfigError(Exception):
+    """A profile that cannot be used; `str()` is one line per fault: file, key, value and limit."""
+
+
+def deploy_folder() -> Path:
+    """Where profiles, vehicles, paths and people are: inside the installed package, or in the checkout."""
+    packaged = Path(__file__).parent / "_deploy"
+    return packaged if packaged.is_dir() else Path(__file__).parent.parent / "deploy"
+
+
+@parameters
+class System:
+    """Which system this is and what runs in it."""
+
+    name: str
+    services: tuple[str, ...]
+    vehicle: str
+    path: str
+    person: str
+    seed: int
+
+
+@parameters
+class World:
+    """The motion-capture volume; W's origin is on its floor."""
+
+    hand_height_m: Positive
+    """Height of the paper's plane z = 0."""
+    volume_min_m: tuple[float, float, float]
+    volume_max_m: tuple[float, float, float]
+    handle_mass_kg: NonNegative
+    handle_start_m: tuple[float, float, float]
+    """Where the handle lies before take-off, the cable laid out."""
+
+
+class Config(BaseModel):
+    """Everything a service may know."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    system: System
+    world: World
+    cable: Cable
+    vehicle: sections.Vehicle
+    tracker: sections.Tracker
+    force_estimator: sections.ForceEstimator
+    guiding_controller: sections.GuidingController
+    px4_bridge: sections.Px4Bridge
+    safety_supervisor: sections.SafetySupervisor
+    simulator: sections.Simulator
+    recorder: Recorder
+    path: sections.PathTable
+    person: sections.Person
+    session_dir: str = Field(default="", description="where this run keeps its files")
+
+    @model_validator(mode="after")
+    def _limits_across_sections(self) -> Self:
+        unknown = set(self.system.services) - set(SERVICES)
+        _require(not unknown, "system.services", sorted(unknown), f"one of {', '.join(SERVICES)}")
+        weight = self.person.human.m_H_kg * GRAVITY_MPS2
+        f_z = self.guiding_controller.f_z_N
+        _require(f_z < weight, "guiding_controller.f_z_N", f_z, f"below m_H g = {weight:.2f} N of {self.person.name}")
+        _require(
+            self.world.handle_mass_kg <= 0.05, "world.handle_mass_kg", self.world.handle_mass_kg, "at most 0.05 kg"
+        )
+        try:
+            check_virtual_mass(self.px4_bridge.admittance.M_A_kg, self.vehicle.quadrotor.mass_kg)
+        except ValueError as error:
+            raise ValueError(f"px4_bridge.admittance.M_A_kg: {error}") from None
+        try:
+            _ = self.guided_path
+        except ValueError as error:
+            raise ValueError(f"path.{error}") from None
+        self._inside_volume()
+        return self
+
+    def _inside_volume(self) -> None:
+        low, high = np.array(self.world.volume_min_m), np.array(self.world.volume_max_m)
+        points = self.guided_path.p(np.linspace(0.0, 1.0, 101))
+        outside = points[np.any((points < low) | (points > high), axis=-1)]
+        if len(outside):
+            x, y, z = outside[0]
+            raise ValueError(f"path.waypoints_m: the path passes {x:.2f}, {y:.2f}, {z:.2f} m, outside world.volume")
+
+    @cached_property
+    def guided_path(self) -> GuidedPath:
+        """The path of the hand, at the hand's height."""
+        return path_file.build(dict(self.path), self.world.hand_height_m)
+
+
+def _require(holds: bool, key: str, value: object, limit: str) -> None:
+    if not holds:
+        raise ValueError(f"{key} = {value}: must be {limit}")
+
+
+# A truth that several laws need is written once; an entry of a profile for one of them wins, to study a wrong belief.
+DERIVED = (
+    ("px4_bridge.flight.m_R_kg", "vehicle.quadrotor.mass_kg", 1.0),
+    ("px4_bridge.admittance.M_A_kg", "vehicle.quadrotor.mass_kg", 1.0),
+    ("force_estimator.observer.m_R_kg", "vehicle.quadrotor.mass_kg", 1.0),
+    ("px4_bridge.vehicle.max_thrust_N", "vehicle.quadrotor.rotor_thrust_max_N", 4.0),
+    ("simulator.autopilot.cascade", "vehicle.cascade", 1.0),
+    ("simulator.handle.mass_kg", "world.handle_mass_kg", 1.0),
+    ("px4_bridge.flight.handle_weight_N", "world.handle_mass_kg", GRAVITY_MPS2),
+    ("force_estimator.bias.handle_weight_N", "world.handle_mass_kg", GRAVITY_MPS2),
+    ("safety_supervisor.held.handle_weight_N", "world.handle_mass_kg", GRAVITY_MPS2),
+    ("px4_bridge.flight.rest_length_m", "cable.rest_length_m", 1.0),
+    ("person.human.hand_height_m", "world.hand_height_m", 1.0),
+    ("guiding_controller.k_H_N_per_m", "px4_bridge.admittance.k_H_N_per_m", 1.0),
+    ("guiding_controller.e_R_max_m", "px4_bridge.admittance.e_R_max_m", 1.0),
+)
+
+
+def _derive(data: dict[str, Any]) -> None:
+    """Fill in what follows from elsewhere; what cannot be derived is left to the validation to miss."""
+    for target, source, factor in DERIVED:
+        value = _get(data, source)
+        if value is not None:
+            _set_default(data, target, value * factor if isinstance(value, (int, float)) else value)
+
+
+def _get(data: Any, key: str) -> Any:
+    for part in key.split("."):
+        data = cast("dict[str, Any]", data).get(part) if isinstance(data, dict) else None
+    return data
+
+
+def _set_default(data: Any, key: str, value: Any) -> None:
+    *parents, last = key.split(".")
+    for part in parents:
+        data = cast("dict[str, Any]", data).setdefault(part, {}) if isinstance(data, dict) else None
+    if isinstance(data, dict):
+        cast("dict[str, Any]", data).setdefault(last, value)
+
+
+def load(profile: str, *, path: str = "", person: str = "", seed: int | None = None, session_dir: str = "") -> Config:
+    """A validated configuration from a profile's name or file.
+
+    Raises:
+        ConfigError: with one line per fault: file, key, value, limit.
+    """
+    file = _find("profiles", profile)
+    if file.suffix == ".json":
+        return _validate(file, _read(file), {})
+    data = _read(file)
+    system: dict[str, Any] = data.setdefault("system", {})
+    system.update({k: v for k, v in (("path", path), ("person", person), ("seed", seed)) if v not in ("", None)})
+    files: dict[str, Path] = {}
+    for section, folder in (("vehicle", "vehicles"), ("path", "paths"), ("person", "people")):
+        if section not in system:
+            raise ConfigError(f"{file}: system.{section}: is missing")
+        files[section] = _find(folder, str(system[section]))
+        data[section] = _read(files[section])
+    _derive(data)
+    return _validate(file, data | {"session_dir": session_dir}, files)
+
+
+def _find(folder: str, name: str) -> Path:
+    for candidate in (Path(name), deploy_folder() / folder / f"{name}.toml"):
+        if candidate.is_file():
+            return candidate
+    known = sorted(f.stem for f in (deploy_folder() / folder).glob("*.toml"))
+    raise ConfigError(f"{name}: no such file, and not one of {', '.join(known)} in {folder}/")
+
+
+def _read(file: Path) -> dict[str, Any]:
+    try:
+        if file.suffix == ".json":
+            return json.loads(file.read_text())
+        return tomllib.loads(file.read_text())
+    except (tomllib.TOMLDecodeError, ValueError) as error:
+        raise ConfigError(f"{file}: {error}") from None
+
+
+def _validate(file: Path, data: dict[str, Any], files: dict[str, Path]) -> Config:
+    try:
+        return Config.model_validate(data)
+    except ValidationError as error:
+        raise ConfigError("\n".join(_lines(error, file, files))) from None
+
+
+def _lines(error: ValidationError, file: Path, files: dict[str, Path]) -> Iterator[str]:
+    """One line per fault, in the file where it stands."""
+    for fault in error.errors():
+        parts = [str(part) for part in fault["loc"]]
+        message = fault["msg"].removeprefix("Value error, ")
+        if not parts:  # a limit across sections: the message begins with its key
+            parts = [message.split(".")[0]]
+            yield f"{files.get(parts[0], file)}: {message}"
+            continue
+        where = files.get(parts[0], file)
+        key = ".".join(parts[1:] if where is not file else parts)
+        shown = "" if fault["type"] in ("missing", "missing_argument") else f" = {fault['input']!r}"
+        yield f"{where}: {key}{shown}: {_plain(fault['type'], message)}"
+
+
+def _plain(kind: str, message: str) -> str:
+    if kind in ("missing", "missing_argument"):
+        return "is missing"
+    if kind in ("extra_forbidden", "unexpected_keyword_argument"):
+        return "is not a known key"
+    return message.replace("Input should be", "must be")

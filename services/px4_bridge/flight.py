@@ -1,0 +1,177 @@
+"""The bridge's law: which set-point follows from permit, guidance and cable force.
+
+Two ways of flying. In POSITION mode the reference walks to the supervisor's goal. In the three others the admittance filter
+moves it: anchored over the start (WAIT), guided (GUIDE), or giving way without any pull (EASE). The change between them is
+bumpless: each starts from the last reference sent, and the fed-forward cable force is ramped (G9). Without a fresh cable
+force the filter cannot fly: then the reference stops where it is, a little nearer to the hand.
+
+| paper | here | unit | frame |
+|---|---|---|---|
+| f̂_c | Force.f_c | N | W |
+| p_R^d(s*), f^d(s*) | Guidance.p_R_d, f_d | m, N | W |
+| m_R | m_R_kg | kg | |
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from schemas.safety import Permit
+from schemas.vehicle import SetpointKind
+from services.parameters import NonNegative, Positive, parameters
+from services.physics import Array, Z, norm
+from services.px4_bridge import admittance, approach
+from services.px4_bridge import setpoint as setpoints
+from services.px4_bridge.admittance import Admittance, Command
+from services.px4_bridge.approach import Approach
+from services.px4_bridge.setpoint import Limits, Setpoint
+
+
+@parameters
+class Flight:
+    """What the bridge needs to know to fly."""
+
+    m_R_kg: Positive
+    handle_weight_N: NonNegative
+    rest_length_m: Positive
+    ceiling_m: Positive
+    """Height above the floor that the reference never rises beyond while a person may be on the cable (G6)."""
+    feed_forward_ramp_s: Positive
+    ease_slack_m: Positive
+    """How far inside its rest length the cable hangs when the system has backed off."""
+    yaw_rad: float
+    """Heading that the vehicle keeps, from x, anticlockwise."""
+
+
+class Params(NamedTuple):
+    """All of the law's parameters."""
+
+    flight: Flight
+    admittance: Admittance
+    approach: Approach
+    limits: Limits
+
+
+class Force(NamedTuple):
+    """One sample of the estimator: f̂_c (3,) N, slack by motion capture, and the time since the sample before."""
+
+    f_c: Array
+    slack: bool
+    dt_s: float
+
+
+class Guidance(NamedTuple):
+    """What the ground asks for, while it is fresh."""
+
+    p_R_d: Array
+    f_d: Array
+    scale: float
+
+
+class Input(NamedTuple):
+    """One tick. `forces` is empty where no sample came in time; `force_fresh` says whether the newest can be trusted."""
+
+    permit: Permit
+    goal: Array
+    speed_mps: float
+    held: bool
+    forces: Sequence[Force]
+    force_fresh: bool
+    guidance: Guidance | None
+
+
+class State(NamedTuple):
+    """The filter is the reference in every mode; `hold` is where height is kept while nobody holds the handle."""
+
+    kind: SetpointKind
+    filter: admittance.State
+    p_sent: Array
+    f_hat: Array
+    feed_forward: float
+    hold: Array
+    u_A: Array
+
+
+class Output(NamedTuple):
+    """The set-point and what is behind it."""
+
+    kind: SetpointKind
+    sent: Setpoint
+    u_R: Array
+    u_A: Array
+    feed_forward: float
+
+
+def initial(p_R: Array) -> State:
+    """On the ground or in the air, at rest at `p_R` (3,) m."""
+    return State(SetpointKind.NONE, admittance.engage(p_R), p_R, np.zeros(3), 0.0, p_R, np.zeros(3))
+
+
+def step(state: State, x: Input, dt: float, p: Params) -> tuple[State, Output]:
+    """One tick of `dt` s: advance the reference, then make the set-point of it."""
+    kind = _kind(x)
+    if kind is not state.kind:
+        state = _change(state, kind, p)
+    complies = kind is not SetpointKind.POSITION and x.force_fresh
+    state = _filter(state, x, p) if complies else _approach(state, x, dt, p)
+    change = (1.0 if complies else -1.0) * dt / p.flight.feed_forward_ramp_s
+    state = state._replace(feed_forward=min(max(state.feed_forward + change, 0.0), 1.0))
+    sent = setpoints.setpoint(state.filter, state.f_hat, p.flight.m_R_kg, state.feed_forward, state.p_sent, p.limits)
+    state = state._replace(p_sent=sent.p)
+    return state, Output(kind, sent, state.filter.a, state.u_A, state.feed_forward)
+
+
+def _kind(x: Input) -> SetpointKind:
+    if x.permit is Permit.EASE or (x.permit in (Permit.WAIT, Permit.GUIDE) and not x.force_fresh):
+        return SetpointKind.EASE
+    if x.permit is Permit.GUIDE and x.held and x.guidance is None:
+        return SetpointKind.EASE
+    return SetpointKind.ADMITTANCE if x.permit in (Permit.WAIT, Permit.GUIDE) else SetpointKind.POSITION
+
+
+def _change(state: State, kind: SetpointKind, p: Params) -> State:
+    """The new way of flying begins at the reference that was flown last."""
+    reference = state.filter
+    if kind is SetpointKind.ADMITTANCE and state.kind in (SetpointKind.POSITION, SetpointKind.NONE):
+        reference = admittance.engage(reference.p)
+    hold = reference.p - _slackening(state, p) if kind is SetpointKind.EASE else reference.p
+    return state._replace(kind=kind, filter=reference, hold=hold)
+
+
+def _slackening(state: State, p: Params) -> Array:
+    """From here towards the hand, along the cable, far enough for it to hang slack, (3,) m."""
+    pull = float(norm(state.f_hat))
+    along = state.f_hat / pull if pull > 2.0 * p.flight.handle_weight_N + 0.1 else Z
+    return p.flight.ease_slack_m * along
+
+
+def _approach(state: State, x: Input, dt: float, p: Params) -> State:
+    """Position mode, or a standstill where the filter has nothing to go by."""
+    goal, speed = (x.goal, x.speed_mps) if x.permit is Permit.POSITION else (state.hold, 0.3)
+    at, a = approach.step(approach.State(state.filter.p, state.filter.v), goal, speed, dt, p.approach)
+    moved = state.filter._replace(p=at.p, v=at.v, a=a)
+    return state._replace(filter=moved, u_A=np.zeros(3), hold=at.p if x.permit is Permit.POSITION else state.hold)
+
+
+def _filter(state: State, x: Input, p: Params) -> State:
+    """The admittance filter, once for each force sample since the last tick."""
+    command, hold = _command(state, x, p)
+    reference, u_A, f_hat = state.filter, state.u_A, state.f_hat
+    for force in x.forces:
+        f_hat = force.f_c
+        reference, u_A = admittance.step(
+            reference, f_hat, command, force.slack, force.dt_s, p.flight.ceiling_m, p.admittance
+        )
+    return state._replace(filter=reference, u_A=u_A, f_hat=f_hat, hold=hold)
+
+
+def _command(state: State, x: Input, p: Params) -> tuple[Command, Array]:
+    """What the filter is asked for, and where height would be held if the handle were let go now."""
+    if x.permit is Permit.WAIT:
+        return admittance.wait(x.goal, p.flight.handle_weight_N, p.admittance), state.filter.p
+    if state.kind is SetpointKind.EASE:
+        return admittance.ease(state.hold, p.admittance), state.hold
+    if x.held and x.guidance is not None:
+        return admittance.guide(x.guidance.p_R_d, x.guidance.f_d, x.guidance.scale, p.admittance), state.filter.p
+    return admittance.hold_height(state.hold, p.flight.handle_weight_N, p.admittance), state.hold

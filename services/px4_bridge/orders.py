@@ -1,0 +1,39 @@
+"""What the autopilot is to be asked for now: offboard, arming, landing. A pure decision; acknowledged is not flying.
+
+Only the take-off phase may arm: a vehicle that has disarmed itself in flight or after landing stays so.
+"""
+
+from enum import Enum
+
+from schemas.safety import Permit, Phase
+from schemas.vehicle import FlightMode
+
+STREAM_FIRST_S = 0.5  # the autopilot refuses offboard without a running stream
+
+
+class Order(Enum):
+    """One request to the autopilot."""
+
+    NOTHING = "nothing"
+    OFFBOARD = "offboard"
+    ARM = "arm"
+    LAND = "land"
+
+
+def next_order(permit: Permit, phase: Phase, armed: bool, mode: FlightMode, streaming_s: float) -> Order:
+    """The next step from here to what the permit wants."""
+    if permit is Permit.LAND:
+        return Order.LAND if armed and mode not in (FlightMode.LAND, FlightMode.DESCEND) else Order.NOTHING
+    if permit is not Permit.POSITION or phase is not Phase.TAKEOFF or streaming_s < STREAM_FIRST_S:
+        return Order.NOTHING
+    if mode is not FlightMode.OFFBOARD:
+        return Order.OFFBOARD
+    return Order.NOTHING if armed else Order.ARM
+
+
+def streams(permit: Permit, phase: Phase, armed: bool, mode: FlightMode) -> bool:
+    """Whether set-points may leave: never without a permit, and no longer once the autopilot lands by itself."""
+    if permit is Permit.NONE:
+        return False
+    lands = mode in (FlightMode.LAND, FlightMode.DESCEND)
+    return phase is Phase.TAKEOFF or (armed and not lands)

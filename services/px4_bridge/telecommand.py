@@ -1,0 +1,96 @@
+"""From set-points, poses and orders in world ENU to the fields of the autopilot's messages; pure.
+
+The counterpart of telemetry.py. A component that is not set goes out as 0 with its bit in the type mask, because JSON
+has no NaN; where MAVLink wants one, `None` is the way to it.
+"""
+
+import math
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from schemas import frames
+from schemas.vehicle import FlightMode
+
+Array = NDArray[np.float64]
+Fields: TypeAlias = dict[str, Any]
+
+AUTOPILOT = 1
+SET_MODE, TERMINATE, ARM, SET_INTERVAL = 176, 185, 400, 511
+MODE_NUMBERS = {FlightMode.OFFBOARD: (6, 0), FlightMode.HOLD: (4, 3), FlightMode.LAND: (4, 6)}
+RESULTS = {1: "temporarily rejected", 2: "denied", 3: "unsupported", 4: "failed", 6: "cancelled"}
+RATES_Hz = {  # message: number and rate; PX4 gives no more than this
+    "HEARTBEAT": (0, 10.0),
+    "ATTITUDE_QUATERNION": (31, 250.0),
+    "LOCAL_POSITION_NED": (32, 125.0),
+    "ATTITUDE_TARGET": (83, 125.0),
+    "HIGHRES_IMU": (105, 250.0),
+    "BATTERY_STATUS": (147, 1.0),
+    "EXTENDED_SYS_STATE": (245, 10.0),
+    "ACTUATOR_OUTPUT_STATUS": (375, 250.0),
+}
+_CUSTOM_MODE, _LOCAL_NED = 1, 1
+_IGNORE_YAW, _IGNORE_YAW_RATE = 1 << 10, 1 << 11
+
+
+def setpoint(p_W: Array | None, v_W: Array | None, a_W: Array | None, yaw_rad: float | None) -> Fields:
+    """SET_POSITION_TARGET_LOCAL_NED. Raises ValueError on an infinite component."""
+    fields: Fields = {"coordinate_frame": _LOCAL_NED, "yaw_rate": 0.0, "time_boot_ms": 0}
+    mask = _IGNORE_YAW_RATE
+    for shift, names, vector in (
+        (0, ("x", "y", "z"), p_W),
+        (3, ("vx", "vy", "vz"), v_W),
+        (6, ("afx", "afy", "afz"), a_W),
+    ):
+        for axis, (name, value) in enumerate(zip(names, _ned(vector), strict=True)):
+            unset = math.isnan(value)
+            fields[name] = 0.0 if unset else value
+            mask |= unset << (shift + axis)
+    if yaw_rad is None or math.isnan(yaw_rad):
+        return fields | {"yaw": 0.0, "type_mask": mask | _IGNORE_YAW}
+    return fields | {"yaw": frames.yaw_ned_from_enu(yaw_rad), "type_mask": mask}
+
+
+def pose(p_W: Array, q_WB_wxyz: Array, stamp_ns: int) -> Fields:
+    """VISION_POSITION_ESTIMATE with an unknown covariance."""
+    x, y, z = _ned(p_W)
+    roll, pitch, yaw = euler_ned_frd(q_WB_wxyz)
+    covariance = [None] + [0.0] * 20
+    where: Fields = {"usec": stamp_ns // 1000, "x": x, "y": y, "z": z, "covariance": covariance, "reset_counter": 0}
+    return where | {"roll": roll, "pitch": pitch, "yaw": yaw}
+
+
+def origin() -> Fields:
+    """SET_GPS_GLOBAL_ORIGIN: some place on earth."""
+    return {"latitude": 473_977_419, "longitude": 85_455_938, "altitude": 488_000, "time_usec": 0}
+
+
+def command(number: int, *parameters: float) -> Fields:
+    """COMMAND_LONG; parameters that are not given are 0."""
+    values = (*parameters, *[0.0] * (7 - len(parameters)))
+    return {"command": number, "confirmation": 0} | {f"param{i}": value for i, value in enumerate(values, start=1)}
+
+
+def mode(wanted: FlightMode) -> Fields:
+    """The command for a mode. Raises ValueError for one that cannot be asked for."""
+    if wanted not in MODE_NUMBERS:
+        raise ValueError(f"mode: {wanted.value} cannot be asked for; possible are {', '.join(MODE_NUMBERS)}")
+    return command(SET_MODE, _CUSTOM_MODE, *MODE_NUMBERS[wanted])
+
+
+def euler_ned_frd(q_WB_wxyz: Array) -> tuple[float, float, float]:
+    """Roll, pitch, yaw in rad of the body in the autopilot's frames, as MAVLink's pose message has them."""
+    w, x, y, z = frames.q_ned_frd_from_enu_flu(q_WB_wxyz).tolist()
+    roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+    pitch = math.asin(min(max(2 * (w * y - z * x), -1.0), 1.0))
+    yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    return roll, pitch, yaw
+
+
+def _ned(v_W: Array | None) -> list[float]:
+    if v_W is None:
+        return [math.nan, math.nan, math.nan]
+    if np.isinf(v_W).any():
+        raise ValueError(f"set-point: {v_W.tolist()} must be finite")
+    return frames.ned_from_enu(v_W).tolist()

@@ -1,0 +1,232 @@
+"""From the autopilot's messages to samples in world ENU and body FLU; no connection, no clock, no thread.
+
+An inertial sample is completed by HIGHRES_IMU: specific force and rate are its own, attitude and thrust are the newest
+ones at that moment (at 250 Hz at most 4 ms old). Thrust is the share of the motors' range that is in use times
+`max_thrust_N`: linear, so set a real vehicle's thrust model accordingly; the observer's zeroing takes the rest (G8).
+PX4 shows its Descend mode as Land, so DESCEND never appears here.
+"""
+
+import math
+from collections import deque
+from collections.abc import Mapping
+from typing import Annotated, Any, NamedTuple, TypeAlias
+
+import numpy as np
+from annotated_types import Ge
+from numpy.typing import NDArray
+
+from schemas import frames
+from schemas.vehicle import FlightMode, ThrustSource
+from services.parameters import Positive, parameters
+
+Array = NDArray[np.float64]
+Fields: TypeAlias = Mapping[str, Any]
+
+QUEUE_LENGTH = 64  # inertial samples kept for a reader that is late; then the oldest go
+_ARMED = 128
+_IN_AIR = (2, 3, 4)  # flying, taking off, landing
+_MODES = {
+    6 << 16: FlightMode.OFFBOARD,
+    4 << 16 | 3 << 24: FlightMode.HOLD,
+    4 << 16 | 6 << 24: FlightMode.LAND,
+}
+_POSITION_TIMEOUT_NS = 500_000_000
+_FALLBACK_NS = 1_000_000_000  # a vehicle's clock that jumps back by more has been restarted
+_CLOCK_LEAK = 1e-4
+
+
+@parameters
+class Vehicle:
+    """What has to be known of the vehicle and its messages."""
+
+    thrust_source: ThrustSource
+    max_thrust_N: Positive
+    """All motors together at full range."""
+    motors: Annotated[int, Ge(1)]
+    actuator_min: float
+    actuator_max: float
+    """The motors' range in ACTUATOR_OUTPUT_STATUS, in its own unit."""
+    connection_timeout_s: Positive
+
+
+class ImuSample(NamedTuple):
+    """specific_force_B, angular_rate_B (3,) m/s², rad/s; q_WB_wxyz (4,); on the host's clock."""
+
+    stamp_ns: int
+    specific_force_B: Array
+    angular_rate_B: Array
+    q_WB_wxyz: Array
+    thrust_N: float
+    thrust_source: ThrustSource
+
+
+class VehicleSample(NamedTuple):
+    """The newest of everything. `stamp_ns` is the position's; positions mean nothing while `has_position` is false."""
+
+    stamp_ns: int
+    connected: bool
+    armed: bool
+    in_air: bool
+    mode: FlightMode
+    has_position: bool
+    p_W: Array
+    v_W: Array
+    q_WB_wxyz: Array
+    battery_fraction: float
+
+
+class HostTime:
+    """The vehicle's clock mapped onto the host's.
+
+    The shortest way a message has ever taken is the best measure of the clocks' offset; it leaks by 100 µs/s, so that
+    drifting clocks are followed. What remains is the shortest delay itself. A vehicle that starts anew is noticed.
+    """
+
+    def __init__(self) -> None:
+        self._offset_ns = math.inf
+        self._last_ns = 0
+
+    def stamp_ns(self, vehicle_ns: int, arrival_ns: int) -> int:
+        """When the vehicle's moment was on the host's clock, never later than the arrival."""
+        if vehicle_ns < self._last_ns - _FALLBACK_NS:
+            self._offset_ns, self._last_ns = math.inf, vehicle_ns
+        leaked = self._offset_ns + _CLOCK_LEAK * max(vehicle_ns - self._last_ns, 0)
+        self._offset_ns = min(arrival_ns - vehicle_ns, leaked)
+        self._last_ns = max(vehicle_ns, self._last_ns)
+        return vehicle_ns + int(self._offset_ns)
+
+
+class Telemetry:
+    """Messages in, samples out."""
+
+    def __init__(self, p: Vehicle) -> None:
+        self._p = p
+        self._time = HostTime()
+        self._imu: deque[ImuSample] = deque(maxlen=QUEUE_LENGTH)
+        self._q_WB_wxyz: Array | None = None
+        self._thrust_N: float | None = None
+        self._position_ns = 0
+        self._arrival_ns = 0
+        self._sample = VehicleSample(
+            stamp_ns=0,
+            connected=False,
+            armed=False,
+            in_air=False,
+            mode=FlightMode.OTHER,
+            has_position=False,
+            p_W=np.zeros(3),
+            v_W=np.zeros(3),
+            q_WB_wxyz=np.array([1.0, 0.0, 0.0, 0.0]),
+            battery_fraction=0.0,
+        )
+        self.heartbeats = 0
+        self.dropped = 0
+        """Inertial samples that nobody fetched in time."""
+        self.texts: deque[str] = deque(maxlen=QUEUE_LENGTH)
+        """The autopilot's remarks, until somebody takes them."""
+        self._takers = {
+            "HEARTBEAT": self._take_heartbeat,
+            "EXTENDED_SYS_STATE": self._take_landed_state,
+            "BATTERY_STATUS": self._take_battery,
+            "STATUSTEXT": self._take_text,
+            "LOCAL_POSITION_NED": self._take_position,
+            "ATTITUDE_QUATERNION": self._take_attitude,
+            "HIGHRES_IMU": self._take_imu,
+            **self._thrust_taker(),
+        }
+
+    @property
+    def messages(self) -> tuple[str, ...]:
+        """The names of the messages that are wanted."""
+        return tuple(self._takers)
+
+    def take(self, name: str, fields: Fields, arrival_ns: int) -> None:
+        """One message that arrived at `arrival_ns` on the host's clock; names that are not wanted are ignored."""
+        self._arrival_ns = arrival_ns
+        taker = self._takers.get(name)
+        if taker is not None:
+            taker(fields, arrival_ns)
+
+    @property
+    def has_imu(self) -> bool:
+        """Whether there is something to drain."""
+        return bool(self._imu)
+
+    def drain(self) -> list[ImuSample]:
+        """All inertial samples since the last call, oldest first."""
+        samples = list(self._imu)
+        self._imu.clear()
+        return samples
+
+    def sample(self, now_ns: int) -> VehicleSample:
+        """The newest of everything; not connected when nothing has come for a while."""
+        silence_ns = now_ns - self._arrival_ns
+        return self._sample._replace(
+            connected=self.heartbeats > 0 and silence_ns < 1e9 * self._p.connection_timeout_s,
+            has_position=self._position_ns > 0 and now_ns - self._position_ns < _POSITION_TIMEOUT_NS,
+        )
+
+    def _thrust_taker(self) -> dict[str, Any]:
+        match self._p.thrust_source:
+            case ThrustSource.ACTUATOR_OUTPUTS:
+                return {"ACTUATOR_OUTPUT_STATUS": self._take_outputs}
+            case ThrustSource.ATTITUDE_TARGET:
+                return {"ATTITUDE_TARGET": self._take_thrust}
+            case ThrustSource.ESC_RPM:
+                raise ValueError(
+                    "vehicle.thrust_source: 'esc_rpm' is not supported; use actuator_outputs or attitude_target"
+                )
+
+    def _take_heartbeat(self, fields: Fields, _arrival_ns: int) -> None:
+        mode = _MODES.get(fields["custom_mode"], FlightMode.OTHER)
+        self._sample = self._sample._replace(armed=bool(fields["base_mode"] & _ARMED), mode=mode)
+        self.heartbeats += 1
+
+    def _take_landed_state(self, fields: Fields, _arrival_ns: int) -> None:
+        self._sample = self._sample._replace(in_air=fields["landed_state"] in _IN_AIR)
+
+    def _take_battery(self, fields: Fields, _arrival_ns: int) -> None:
+        percent = fields["battery_remaining"]  # -1: unknown, shown as empty
+        self._sample = self._sample._replace(battery_fraction=max(percent, 0) / 100.0)
+
+    def _take_text(self, fields: Fields, _arrival_ns: int) -> None:
+        self.texts.append(fields["text"])
+
+    def _take_position(self, fields: Fields, arrival_ns: int) -> None:
+        stamp_ns = self._time.stamp_ns(1_000_000 * fields["time_boot_ms"], arrival_ns)
+        p_W = frames.enu_from_ned(np.array((fields["x"], fields["y"], fields["z"])))
+        v_W = frames.enu_from_ned(np.array((fields["vx"], fields["vy"], fields["vz"])))
+        if np.isfinite(p_W).all() and np.isfinite(v_W).all():
+            self._sample = self._sample._replace(stamp_ns=stamp_ns, p_W=p_W, v_W=v_W)
+            self._position_ns = arrival_ns
+
+    def _take_attitude(self, fields: Fields, _arrival_ns: int) -> None:
+        q_NED_FRD = np.array((fields["q1"], fields["q2"], fields["q3"], fields["q4"]))
+        self._q_WB_wxyz = frames.q_enu_flu_from_ned_frd(q_NED_FRD)
+        self._sample = self._sample._replace(q_WB_wxyz=self._q_WB_wxyz)
+
+    def _take_outputs(self, fields: Fields, _arrival_ns: int) -> None:
+        p = self._p
+        span = p.actuator_max - p.actuator_min
+        used = [min(max((u - p.actuator_min) / span, 0.0), 1.0) for u in fields["actuator"][: p.motors]]
+        self._thrust_N = p.max_thrust_N * sum(used) / p.motors
+
+    def _take_thrust(self, fields: Fields, _arrival_ns: int) -> None:
+        self._thrust_N = self._p.max_thrust_N * min(max(fields["thrust"], 0.0), 1.0)
+
+    def _take_imu(self, fields: Fields, arrival_ns: int) -> None:
+        if fields["id"] != 0 or self._q_WB_wxyz is None or self._thrust_N is None:
+            return
+        self.dropped += len(self._imu) == QUEUE_LENGTH
+        force = np.array((fields["xacc"], fields["yacc"], fields["zacc"]))
+        rate = np.array((fields["xgyro"], fields["ygyro"], fields["zgyro"]))
+        self._imu.append(
+            ImuSample(
+                stamp_ns=self._time.stamp_ns(1000 * fields["time_usec"], arrival_ns),
+                specific_force_B=frames.flu_from_frd(force),
+                angular_rate_B=frames.flu_from_frd(rate),
+                q_WB_wxyz=self._q_WB_wxyz,
+                thrust_N=self._thrust_N,
+                thrust_source=self._p.thrust_source,
+            )
+        )

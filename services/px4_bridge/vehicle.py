@@ -1,0 +1,263 @@
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
+# ruff: noqa: D102  (docstrings are the protocol's)
+"""The vehicle behind a MAVLink connection; the only code that talks to an autopilot, through MAVSDK.
+
+Everything goes through MAVSDK's `mavlink_direct`: nothing there repeats a set-point, and motors and inertial sensors
+can be had at full rate. Its callbacks run in one thread of MAVSDK's; they only stamp and hand over to the event loop,
+for a plugin call in there would never return. An order is believed when the autopilot's own state shows it, not when
+it is acknowledged.
+"""
+
+import asyncio
+import json
+import logging
+import socket
+from collections import deque
+from collections.abc import AsyncGenerator, Callable
+from contextlib import asynccontextmanager
+from typing import Any
+
+import mavsdk
+import numpy as np
+from mavsdk import ComponentType, Configuration, ConnectionResult, LogLevel, Mavsdk
+from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkDirectResult, MavlinkMessage
+from mavsdk.plugins.param import Param, ParamError, ParamResult
+from numpy.typing import NDArray
+
+from schemas.vehicle import FlightMode
+from services.px4_bridge import telecommand, telemetry
+from services.px4_bridge.telecommand import AUTOPILOT, Fields
+from services.px4_bridge.telemetry import ImuSample, Telemetry, VehicleSample
+from services.px4_bridge.vehicle_protocol import Vehicle, VehicleError
+
+Array = NDArray[np.float64]
+
+_log = logging.getLogger(__name__)
+
+
+class MavsdkVehicle(Vehicle):
+    """A Vehicle by MAVSDK; made by `connect`."""
+
+    def __init__(self, system: Any, p: telemetry.Vehicle, now_ns: Callable[[], int], answer_s: float) -> None:
+        self._now_ns, self._answer_s = now_ns, answer_s
+        self._loop = asyncio.get_running_loop()
+        self._telemetry = Telemetry(p)
+        self._imu_arrived, self._heartbeat = asyncio.Event(), asyncio.Event()
+        self._inbox: deque[tuple[str, str, int]] = deque()
+        self._handing_over = False
+        self._renewal: asyncio.Task[None] | None = None
+        self._system_id: int = system.get_system_id()
+        self._direct, self._parameters = MavlinkDirect(system), Param(system)
+        for name in self._telemetry.messages:
+            self._direct.subscribe_message(name, self._on_message)
+
+    @classmethod
+    @asynccontextmanager
+    async def connect(
+        cls,
+        url: str,
+        p: telemetry.Vehicle,
+        now_ns: Callable[[], int],
+        timeout_s: float = 10.0,
+        answer_s: float = 3.0,
+    ) -> AsyncGenerator["MavsdkVehicle", None]:
+        """Connected to the autopilot behind `url`: udpin://host:port, serial:///dev/name:baud or tcpout://host:port.
+
+        Waits `timeout_s` for the autopilot and `answer_s` for each of its answers; stamps come from `now_ns`. Raises
+        VehicleError when the port is in use, the URL is no good or no autopilot appears.
+        """
+        _refuse_used_port(url)
+        mavsdk.log_subscribe(_on_log)
+        library = Mavsdk(Configuration.create_with_component_type(ComponentType.COMPANION_COMPUTER))
+        try:
+            result = library.add_any_connection(url)
+            if result is not ConnectionResult.SUCCESS:
+                raise VehicleError(f"cannot open {url}: {result.name.lower().replace('_', ' ')}")
+            vehicle = cls(await _first_autopilot(library, url, timeout_s), p, now_ns, answer_s)
+            await vehicle._request_rates()
+            yield vehicle
+        finally:
+            library.destroy()
+            mavsdk.log_unsubscribe()
+
+    @property
+    def sample(self) -> VehicleSample:
+        return self._telemetry.sample(self._now_ns())
+
+    async def wait_imu(self) -> None:
+        await self._imu_arrived.wait()
+
+    def drain_imu(self) -> list[ImuSample]:
+        self._imu_arrived.clear()
+        return self._telemetry.drain()
+
+    def drain_texts(self) -> list[str]:
+        texts = list(self._telemetry.texts)
+        self._telemetry.texts.clear()
+        return texts
+
+    def send_setpoint(self, p_W: Array | None, v_W: Array | None, a_W: Array | None, yaw_rad: float | None) -> None:
+        fields = telecommand.setpoint(p_W, v_W, a_W, yaw_rad)
+        self._send("SET_POSITION_TARGET_LOCAL_NED", self._addressed(fields))
+
+    def send_pose(self, p_W: Array, q_WB_wxyz: Array, stamp_ns: int) -> None:
+        self._send("VISION_POSITION_ESTIMATE", telecommand.pose(p_W, q_WB_wxyz, stamp_ns))
+
+    async def arm(self) -> None:
+        await self._command("arm", telecommand.command(telecommand.ARM, 1.0))
+        await self._shown("arm", lambda now: now.armed)
+
+    async def disarm(self) -> None:
+        await self._command("disarm", telecommand.command(telecommand.ARM, 0.0))
+        await self._shown("disarm", lambda now: not now.armed)
+
+    async def set_mode(self, mode: FlightMode) -> None:
+        await self._command(f"mode {mode.value}", telecommand.mode(mode))
+        await self._shown(f"mode {mode.value}", lambda now: now.mode is mode)
+
+    async def terminate(self) -> None:
+        await self._command("flight termination", telecommand.command(telecommand.TERMINATE, 1.0))
+
+    async def set_origin(self) -> None:
+        self._send("SET_GPS_GLOBAL_ORIGIN", telecommand.origin() | {"target_system": self._system_id})
+
+    async def get_parameter(self, name: str) -> int | float:
+        try:
+            return await self._in_thread(f"parameter {name}", self._parameters.get_param_int, name)
+        except ParamError as error:
+            if error.result is not ParamResult.WRONG_TYPE:
+                raise VehicleError(f"parameter {name}: {error.result.name.lower()}") from error
+        return await self._in_thread(f"parameter {name}", self._parameters.get_param_float, name)
+
+    async def set_parameter(self, name: str, value: int | float) -> None:
+        setter = self._parameters.set_param_int if isinstance(value, int) else self._parameters.set_param_float
+        try:
+            await self._in_thread(f"parameter {name}", setter, name, value)
+        except ParamError as error:
+            raise VehicleError(f"parameter {name} = {value}: {error.result.name.lower()}") from error
+
+    async def _in_thread(self, what: str, call: Callable[..., Any], *arguments: Any) -> Any:
+        """A blocking call, which MAVSDK itself ends within a few seconds, so that the process can still exit."""
+        try:
+            async with asyncio.timeout(self._answer_s):
+                return await asyncio.to_thread(call, *arguments)
+        except TimeoutError:
+            raise VehicleError(f"{what}: no answer within {self._answer_s:g} s") from None
+
+    async def _command(self, what: str, fields: Fields) -> None:
+        """Send a COMMAND_LONG and check its acknowledgement."""
+        done: asyncio.Future[int] = self._loop.create_future()
+        message = _message("COMMAND_LONG", self._addressed(fields))
+        try:
+            async with asyncio.timeout(self._answer_s):
+                self._direct.send_command_async(message, self._on_answer, done)
+                result = await done
+        except TimeoutError:
+            raise VehicleError(f"{what}: no answer within {self._answer_s:g} s") from None
+        if result:
+            raise VehicleError(f"{what}: {telecommand.RESULTS.get(result, f'result {result}')} by the autopilot")
+
+    async def _shown(self, what: str, is_so: Callable[[VehicleSample], bool]) -> None:
+        """Wait for a new heartbeat that shows it: acknowledged is not done."""
+        try:
+            async with asyncio.timeout(self._answer_s):
+                while True:
+                    self._heartbeat.clear()
+                    await self._heartbeat.wait()
+                    if is_so(self.sample):
+                        return
+        except TimeoutError:
+            raise VehicleError(f"{what}: acknowledged, but not seen within {self._answer_s:g} s") from None
+
+    async def _request_rates(self) -> None:
+        for name, (number, rate_Hz) in telecommand.RATES_Hz.items():
+            if name in self._telemetry.messages:
+                interval = telecommand.command(telecommand.SET_INTERVAL, number, 1e6 / rate_Hz)
+                await self._command(f"rate of {name}", interval)
+
+    async def _renew_rates(self) -> None:
+        """After a silence, for an autopilot that has started anew has forgotten them."""
+        try:
+            await self._request_rates()
+        except VehicleError as error:
+            _log.warning("%s", error)
+
+    def _addressed(self, fields: Fields) -> Fields:
+        return fields | {"target_system": self._system_id, "target_component": AUTOPILOT}
+
+    def _send(self, name: str, fields: Fields) -> None:
+        self._direct.send_message(_message(name, fields))
+
+    # In MAVSDK's thread: stamp and hand over, nothing else.
+
+    def _on_message(self, message: MavlinkMessage, _user_data: Any) -> None:
+        if message.component_id != AUTOPILOT:
+            return
+        self._inbox.append((message.message_name, message.fields_json, self._now_ns()))
+        if not self._handing_over:  # one wake-up for all that arrives together
+            self._handing_over = True
+            self._loop.call_soon_threadsafe(self._take_inbox)
+
+    def _on_answer(self, result: MavlinkDirectResult, answer: MavlinkMessage, done: asyncio.Future[int]) -> None:
+        code = json.loads(answer.fields_json)["result"] if result is MavlinkDirectResult.SUCCESS else -1
+        self._loop.call_soon_threadsafe(_settle, done, code)
+
+    # In the event loop.
+
+    def _take_inbox(self) -> None:
+        self._handing_over = False
+        heartbeats, was_connected = self._telemetry.heartbeats, self.sample.connected
+        while self._inbox:
+            name, text, arrival_ns = self._inbox.popleft()
+            self._telemetry.take(name, json.loads(text), arrival_ns)
+        if self._telemetry.has_imu:
+            self._imu_arrived.set()
+        if self._telemetry.heartbeats > heartbeats:
+            self._heartbeat.set()
+            if heartbeats and not was_connected:
+                self._renewal = asyncio.create_task(self._renew_rates())
+
+
+def _message(name: str, fields: Fields) -> MavlinkMessage:
+    return MavlinkMessage(message_name=name, fields_json=json.dumps(fields))
+
+
+def _settle(done: asyncio.Future[Any], result: Any) -> None:
+    if not done.done():
+        done.set_result(result)
+
+
+def _refuse_used_port(url: str) -> None:
+    """MAVSDK shares a UDP port with whoever has it already, and then each gets a part of the messages."""
+    scheme, _, address = url.partition("://")
+    host, _, port = address.partition(":")
+    if scheme not in ("udpin", "udp") or not port.isdigit():
+        return
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind((host, int(port)))
+        except OSError as error:
+            raise VehicleError(f"cannot open {url}: port {port} is in use ({error.strerror})") from error
+
+
+async def _first_autopilot(library: Mavsdk, url: str, timeout_s: float) -> Any:
+    loop = asyncio.get_running_loop()
+    found: asyncio.Future[Any] = loop.create_future()
+
+    def on_found(system: Any) -> None:
+        loop.call_soon_threadsafe(_settle, found, system)
+
+    waiting = library.first_autopilot_async(timeout_s, on_found)
+    try:
+        system = await found
+    finally:
+        library.cancel_first_autopilot(waiting)
+    if system is None:
+        raise VehicleError(f"no autopilot on {url} within {timeout_s:g} s")
+    return system
+
+
+def _on_log(level: LogLevel, message: str, _file: str | None, _line: int) -> bool:
+    """MAVSDK's remarks go the way of all others."""
+    _log.log(10 * (int(level) + 1), "%s", message)
+    return True

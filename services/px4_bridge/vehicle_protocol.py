@@ -1,0 +1,72 @@
+"""What the bridge asks of a vehicle, whether it is behind MAVLink or a double in a test."""
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from schemas.vehicle import FlightMode
+from services.px4_bridge.telemetry import ImuSample, VehicleSample
+
+Array = NDArray[np.float64]
+
+
+class VehicleError(RuntimeError):
+    """The autopilot cannot be reached, refuses, or does not do what it acknowledged."""
+
+
+class Vehicle(Protocol):
+    """What the bridge asks of a vehicle; world ENU, body FLU. Orders raise VehicleError, none waits for ever."""
+
+    @property
+    def sample(self) -> VehicleSample:
+        """The newest of everything."""
+        ...
+
+    async def wait_imu(self) -> None:
+        """Until there is an inertial sample to drain; without an autopilot that is for ever."""
+        ...
+
+    def drain_imu(self) -> list[ImuSample]:
+        """All inertial samples since the last call, oldest first."""
+        ...
+
+    def drain_texts(self) -> list[str]:
+        """The autopilot's remarks since the last call."""
+        ...
+
+    def send_setpoint(self, p_W: Array | None, v_W: Array | None, a_W: Array | None, yaw_rad: float | None) -> None:
+        """One set-point, sent once; None and NaN components are not set. Raises ValueError on an infinite one."""
+        ...
+
+    def send_pose(self, p_W: Array, q_WB_wxyz: Array, stamp_ns: int) -> None:
+        """One motion-capture pose for the autopilot's estimator, which counts it from its arrival."""
+        ...
+
+    async def arm(self) -> None:
+        """Start the motors."""
+        ...
+
+    async def disarm(self) -> None:
+        """Stop the motors; refused in the air."""
+        ...
+
+    async def set_mode(self, mode: FlightMode) -> None:
+        """Enter OFFBOARD, HOLD or LAND. Raises ValueError for any other."""
+        ...
+
+    async def terminate(self) -> None:
+        """Stop the motors at once, in the air too, for good."""
+        ...
+
+    async def set_origin(self) -> None:
+        """Tell the autopilot some place on earth, which it wants before it holds a position; it does not answer."""
+        ...
+
+    async def get_parameter(self, name: str) -> int | float:
+        """A parameter of the autopilot under its own name."""
+        ...
+
+    async def set_parameter(self, name: str, value: int | float) -> None:
+        """Set a parameter; an int for one that is an integer there."""
+        ...

@@ -1,0 +1,125 @@
+"""A session's file: MCAP with JSON messages, one channel per topic, in chunks small enough to lose little to a kill."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Annotated, Self
+
+from annotated_types import Gt
+from mcap.writer import Writer
+from pydantic_core import from_json
+
+from schemas.message import Message
+from schemas.topics import Topic
+from services.parameters import Positive, parameters
+from services.recorder.schema import schema_text
+from services.recorder.verdict import Count, Verdict
+from services.runtime.bus import MAX_PAYLOAD_bytes
+
+_ANOTHER_CLOCK_NS = 5_000_000_000  # a stamp this far from its arrival was made by another host's clock
+
+
+@parameters
+class Recorder:
+    """How recordings are cut: a kill loses no more than one flush period, or one chunk where that is less."""
+
+    flush_period_s: Positive
+    chunk_bytes: Annotated[int, Gt(0)]
+
+
+class SessionWriter:
+    """Writes payloads as they came; of each it reads no more than seq and stamp.
+
+    Stamps inside messages stay as they are, monotonic. In the file a message's time is its stamp plus `epoch_ns`, the
+    wall clock's lead over this host's monotonic clock; a publisher on another host gets a lead of its own, from the
+    first message that arrives. `metadata` and `attachments` come first in the file, so that a kill leaves them.
+    Raises FileExistsError rather than overwrite a recording.
+    """
+
+    def __init__(
+        self,
+        file: Path,
+        topics: Sequence[Topic[Message]],
+        *,
+        epoch_ns: int,
+        chunk_bytes: int,
+        metadata: Mapping[str, str] | None = None,
+        attachments: Mapping[str, bytes] | None = None,
+    ) -> None:
+        self.verdict = Verdict({topic.key: Count() for topic in topics})
+        self._leads_ns = [epoch_ns]
+        self._lead_of = dict.fromkeys(self.verdict.topics, epoch_ns)
+        file.parent.mkdir(parents=True, exist_ok=True)
+        self._stream = file.open("xb")
+        self._writer = Writer(self._stream, chunk_size=chunk_bytes)
+        self._writer.start(profile="", library="clew")
+        self._writer.add_metadata("clew.session", dict(metadata or {}))
+        self._writer.add_metadata("clew.clock", {"epoch_minus_monotonic_ns": str(epoch_ns)})
+        for name, data in (attachments or {}).items():
+            self._writer.add_attachment(0, epoch_ns, name, "text/plain", data)
+        self._channel_of = {topic.key: self._register(topic) for topic in topics}
+        self._writer.flush()
+
+    def _register(self, topic: Topic[Message]) -> int:
+        schema = self._writer.register_schema(topic.type.__name__, "jsonschema", schema_text(topic.type))
+        return self._writer.register_channel(channel_name(topic.key), "json", schema, {"key": topic.key})
+
+    def add(self, key: str, payload: bytes, received_ns: int) -> None:
+        """Keep one payload that arrived at `received_ns` of this host's monotonic clock, or count why not."""
+        count = self.verdict.topics[key]
+        header = _header(payload)
+        if header is None:
+            count.malformed += 1
+            return
+        seq, stamp_ns = header
+        count.heard(seq)
+        time_ns = stamp_ns + self._lead_ns(key, stamp_ns, received_ns)
+        self._writer.add_message(self._channel_of[key], time_ns, payload, time_ns, seq)
+
+    def _lead_ns(self, key: str, stamp_ns: int, received_ns: int) -> int:
+        """What to add to a stamp of this topic to get wall-clock time."""
+        now_ns = received_ns + self._leads_ns[0]
+        if abs(now_ns - stamp_ns - self._lead_of[key]) > _ANOTHER_CLOCK_NS:
+            known = (lead for lead in self._leads_ns if abs(now_ns - stamp_ns - lead) <= _ANOTHER_CLOCK_NS)
+            self._lead_of[key] = next(known, now_ns - stamp_ns)
+            self._leads_ns = list(dict.fromkeys((*self._leads_ns, self._lead_of[key])))
+        return self._lead_of[key]
+
+    def flush(self) -> None:
+        """Hand everything to the operating system: from here on a kill cannot lose it."""
+        self._writer.flush()
+
+    def close(self) -> None:
+        """Write the verdict and the index, and close the file; again is harmless."""
+        if self._stream.closed:
+            return
+        self.verdict.closed = True
+        self._writer.add_metadata("clew.verdict", {"json": self.verdict.to_json()})
+        self._writer.finish()
+        self._stream.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def channel_name(key: str) -> str:
+    """The topic's name in the file: a slash before the key, less the bus's verbatim mark, which viewers cannot type."""
+    return "/" + key.replace("@", "")
+
+
+def _header(payload: bytes) -> tuple[int, int] | None:
+    """seq and stamp_ns of a payload, None where it is not a finite JSON object with both."""
+    if len(payload) > MAX_PAYLOAD_bytes:
+        return None
+    try:
+        raw = from_json(payload, allow_inf_nan=False)
+        seq, stamp_ns = raw["seq"], raw["stamp_ns"]
+    except (ValueError, TypeError, KeyError):
+        return None
+    whole = type(seq) is int and type(stamp_ns) is int
+    return (seq, stamp_ns) if whole and 0 <= seq < 2**32 and 0 <= stamp_ns < 2**62 else None

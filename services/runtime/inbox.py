@@ -1,0 +1,61 @@
+"""The border where bytes become messages: one inbox for each topic that a node reads, each payload decoded once."""
+
+from collections.abc import Callable
+from typing import Generic, TypeVar
+
+from schemas.message import Message
+from schemas.topics import Topic
+from services.runtime.bus import MAX_PAYLOAD_bytes
+from services.runtime.clock import Clock
+
+M = TypeVar("M", bound=Message)
+
+QUIET_ns = 1_000_000_000
+"""After this silence a smaller seq is a new publisher even if its stamps are older (its host was restarted)."""
+
+
+class Inbox(Generic[M]):
+    """Holds the newest message of a topic and hands each to the `taps`, in order. Bad input is counted, never kept."""
+
+    def __init__(self, topic: Topic[M], clock: Clock, reject: Callable[[str, str], None]) -> None:
+        self.topic = topic
+        self.clock = clock
+        self.message: M | None = None
+        self.received_ns = 0
+        self.received = 0
+        self.restarts = 0
+        self.taps: list[Callable[[M], None]] = []
+        self.reject = reject
+
+    def on_payload(self, key: str, payload: bytes) -> None:
+        """Take what the bus delivers; refuse what is not a new, well-formed message of this topic."""
+        now_ns = self.clock.now_ns()
+        try:
+            message = self._decode(key, payload)
+            self._check_order(message, now_ns)
+        except ValueError as why:
+            self.reject(self.topic.key, " ".join(str(why).split()))
+            return
+        self.message = message
+        self.received_ns = now_ns
+        self.received += 1
+        for tap in self.taps:
+            tap(message)
+
+    def _decode(self, key: str, payload: bytes) -> M:
+        if key != self.topic.key:  # a put on a wildcard is legal
+            raise ValueError(f"was put on {key}")
+        if not 0 < len(payload) <= MAX_PAYLOAD_bytes:
+            raise ValueError(f"deleted, or larger than {MAX_PAYLOAD_bytes} bytes")
+        return self.topic.type.model_validate_json(payload, strict=True)
+
+    def _check_order(self, message: M, now_ns: int) -> None:
+        last = self.message
+        if message.seq < 1:
+            raise ValueError("seq is 0: not sent by a publisher")
+        if last is None or message.seq > last.seq:
+            return
+        # One publisher's stamps never fall while its seq rises: a later stamp tells a restart from an old sample.
+        if message.stamp_ns <= last.stamp_ns and now_ns - self.received_ns < QUIET_ns:
+            raise ValueError(f"seq {message.seq} after {last.seq}: repeated or out of order")
+        self.restarts += 1

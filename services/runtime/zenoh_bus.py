@@ -1,0 +1,169 @@
+"""The bus between processes: Zenoh peers on unix sockets. This file and no other knows Zenoh."""
+
+# Zenoh's stubs leave some return types open.
+# pyright: reportUnknownMemberType=false
+
+import asyncio
+import json
+import time
+from collections import deque
+from collections.abc import Callable, Generator
+from contextlib import contextmanager, nullcontext
+from typing import Any
+
+import zenoh
+from zenoh import CongestionControl, Encoding, Priority, Sample, SampleKind
+
+from schemas.topics import BY_KEY, Stance
+from services.runtime.bus import MAX_PAYLOAD_bytes, OnPayload
+from services.runtime.bus_config import BusConfig, claim
+
+LEASE_ms = 500
+QUEUE = 16
+"""Batches that wait for a busy link before DROP drops; Zenoh's own 2 lost samples on a loaded machine."""
+
+RETRY_ms = 100
+DEPTH = 1024
+"""Samples of one key that wait for a loop that is stuck; then the oldest are dropped."""
+
+# Nothing blocks: a blocked put on a dead link stalls local delivery too. `express` skips the batching wait of 1 ms.
+_QOS: dict[Stance, tuple[Priority, bool]] = {
+    Stance.STREAM: (Priority.REAL_TIME, True),
+    Stance.STATE: (Priority.INTERACTIVE_HIGH, True),
+    Stance.COMMAND: (Priority.INTERACTIVE_HIGH, True),
+    Stance.BULK: (Priority.DATA_LOW, False),
+}
+
+
+class ZenohBus:
+    """One session. Made by `open_bus`; `subscribe` and `watch` want a running loop, into which they deliver."""
+
+    def __init__(self, session: zenoh.Session, config: BusConfig) -> None:
+        self._session = session
+        self._prefix = config.prefix
+        self._publishers: dict[str, zenoh.Publisher] = {}
+        self._mailboxes: list[_Mailbox] = []
+
+    @property
+    def dropped(self) -> int:
+        """Samples lost between Zenoh and a loop that was stuck."""
+        return sum(mailbox.dropped for mailbox in self._mailboxes)
+
+    def put(self, key: str, payload: bytes, stance: Stance) -> None:
+        """Send over a publisher that is declared on first use."""
+        publisher = self._publishers.get(key)
+        if publisher is None:
+            publisher = self._publishers[key] = self._declare(key, stance)
+        publisher.put(payload)
+
+    def subscribe(self, key: str, on_payload: OnPayload) -> None:
+        """Deliver the samples of `key` into the running loop."""
+        mailbox = _Mailbox(asyncio.get_running_loop(), lambda key, sample: on_payload(key, _payload(sample)))
+        self._mailboxes.append(mailbox)
+        self._session.declare_subscriber(self._prefix + key, self._into(mailbox))
+
+    def watch(self, on_change: Callable[[str, bool], None]) -> None:
+        """Call `on_change(name, alive)` in the running loop for each bus name that is there, comes or goes."""
+        loop = asyncio.get_running_loop()
+        mailbox = _Mailbox(loop, lambda name, sample: on_change(name, sample.kind == SampleKind.PUT))
+        token = f"{self._prefix}@alive/"
+        handler = self._into(mailbox, token)
+        self._session.liveliness().declare_subscriber(f"{token}*", handler, history=True)
+
+    def alive(self, settle_s: float = 0.3) -> set[str]:
+        """The names that hold a token now. Presence is not health. For tools: blocks while a new session's links build."""
+        time.sleep(settle_s)
+        token = f"{self._prefix}@alive/"
+        replies = self._session.liveliness().get(f"{token}*", timeout=1.0)
+        return {str(reply.ok.key_expr).removeprefix(token) for reply in replies if reply.ok}
+
+    def _declare(self, key: str, stance: Stance) -> zenoh.Publisher:
+        priority, express = _QOS[stance]
+        return self._session.declare_publisher(
+            self._prefix + key,
+            encoding=Encoding.APPLICATION_JSON.with_schema(BY_KEY[key].type.__name__),
+            congestion_control=CongestionControl.DROP,
+            priority=priority,
+            express=express,
+        )
+
+    def _into(self, mailbox: "_Mailbox", prefix: str | None = None) -> Callable[[Sample], None]:
+        strip = len(prefix or self._prefix)
+        return lambda sample: mailbox.post(str(sample.key_expr)[strip:], sample)
+
+
+class _Mailbox:
+    """From Zenoh's thread into the loop: bounded, and with at most one wake-up under way."""
+
+    def __init__(self, loop: asyncio.AbstractEventLoop, deliver: Callable[[str, Sample], None]) -> None:
+        self.dropped = 0
+        self._loop = loop
+        self._deliver = deliver
+        self._waiting: deque[tuple[str, Sample]] = deque(maxlen=DEPTH)
+        self._woken = False
+
+    def post(self, key: str, sample: Sample) -> None:
+        """In Zenoh's thread: must never wait."""
+        self.dropped += len(self._waiting) == DEPTH
+        self._waiting.append((key, sample))
+        if not self._woken and not self._loop.is_closed():
+            self._woken = True
+            self._loop.call_soon_threadsafe(self._empty)
+
+    def _empty(self) -> None:
+        self._woken = False  # first: what is posted from here on wakes the loop again
+        for _ in range(len(self._waiting)):
+            self._deliver(*self._waiting.popleft())
+
+
+@contextmanager
+def open_bus(config: BusConfig, name: str) -> Generator[ZenohBus]:
+    """A session as service `name`, or as an observer under any other name. The `with` block is what lets a process end.
+
+    Services may start in any order: sockets that are not there yet are tried again.
+
+    Raises:
+        AlreadyRunning: a living process holds the service's name.
+        ValueError: a socket's path is too long.
+    """
+    is_service = name in config.services
+    with (
+        claim(config, name) if is_service else nullcontext(),
+        zenoh.open(session_config(config, name)) as session,
+        session.liveliness().declare_token(f"{config.prefix}@alive/{name}"),
+    ):
+        yield ZenohBus(session, config)
+
+
+def session_config(config: BusConfig, name: str) -> zenoh.Config:
+    """How a peer of this system is set up: all links explicit, nothing scouted, a dead one noticed within 0.5 s."""
+    listen = [_endpoint(config, name)] if name in config.services else []
+    connect = [_endpoint(config, other) for other in config.services if other != name]
+    values: dict[str, Any] = {
+        "mode": "peer",
+        "listen/endpoints": listen,
+        "connect/endpoints": [*connect, *config.endpoints],
+        "connect/timeout_ms": -1,
+        "connect/exit_on_failure": False,
+        "connect/retry": {"period_init_ms": RETRY_ms, "period_max_ms": RETRY_ms, "period_increase_factor": 1},
+        "open/return_conditions": {"connect_scouted": False, "declares": False},
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": False,
+        "transport/link/tx/lease": LEASE_ms,
+        "transport/link/tx/queue/size/real_time": QUEUE,
+        "transport/link/tx/queue/size/interactive_high": QUEUE,
+        "transport/shared_memory/enabled": False,
+    }
+    made = zenoh.Config()
+    for key, value in values.items():
+        made.insert_json5(key, json.dumps(value))
+    return made
+
+
+def _endpoint(config: BusConfig, name: str) -> str:
+    return f"unixsock-stream/{config.socket(name)}"
+
+
+def _payload(sample: Sample) -> bytes:
+    acceptable = sample.kind == SampleKind.PUT and len(sample.payload) <= MAX_PAYLOAD_bytes
+    return sample.payload.to_bytes() if acceptable else b""

@@ -1,0 +1,139 @@
+"""The supervisor's rules: one table of conditions, each with its debounce, level, text for the operator and cure.
+
+A rule becomes active when its condition has held for `debounce_s`. Up to EASE it goes back by itself once the condition
+has been gone for `release_s`; HOLD and above stay until a person confirms (`resume`) with the cause gone. The state is
+one pair of timers per rule; nothing here knows a clock.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from schemas.safety import Level, Phase
+from services.parameters import Positive, parameters
+
+FLYING = frozenset(Phase) - {Phase.IDLE, Phase.LANDED}
+ENGAGED = frozenset({Phase.READY, Phase.GUIDING, Phase.ARRIVED})
+PREPARED = ENGAGED | {Phase.IDLE}  # on the ground these keep the vehicle from starting
+PULLING = frozenset({Phase.GUIDING, Phase.ARRIVED})
+
+
+@parameters
+class Limits:
+    """What the rules compare with."""
+
+    hand_force_ease_N: Positive
+    hand_force_hold_N: Positive
+    head_warn_m: Positive
+    """Rotor tip to the head, which is assumed to be behind the hand (G10)."""
+    head_ease_m: Positive
+    hand_clearance_m: Positive
+    """Vehicle's centre to hand."""
+    bias_warn_N: Positive
+    bias_hold_N: Positive
+    age_ease_s: Positive
+    age_hold_s: Positive
+    stall_s: Positive
+    """A loop later than this means that the host took the processor away."""
+    battery_warn_fraction: Positive
+    battery_land_fraction: Positive
+    release_s: Positive
+
+
+class Facts(NamedTuple):
+    """What the supervisor knows at one tick; ages are infinite where nothing has arrived."""
+
+    handle_age_s: float
+    vehicle_age_s: float
+    force_age_s: float
+    guidance_age_s: float
+    setpoint_age_s: float
+    offboard: bool
+    hand_force_N: float
+    head_clearance_m: float
+    hand_clearance_m: float
+    robot_outside_m: float
+    """How far the robot is outside the volume; negative inside."""
+    above_ceiling_m: float
+    """How far the robot is above hand plane + l̄ + margin; negative below."""
+    bias_change_N: float
+    battery_fraction: float
+    stall_s: float
+
+
+@dataclass(frozen=True)
+class Rule:
+    """One line of the table."""
+
+    name: str
+    broken: Callable[[Facts, Limits], bool]
+    phases: frozenset[Phase]
+    debounce_s: float
+    level: Level
+    text: str
+    cure: str
+
+
+# fmt: off
+RULES: tuple[Rule, ...] = (
+    #    name                 broken when                                          in       debounce level       text                                       cure
+    Rule("vehicle_silent",    lambda f, p: f.vehicle_age_s > p.age_hold_s,          FLYING | {Phase.IDLE}, 0.0, Level.HOLD, "the vehicle's state is stale",             "check the link between bridge and autopilot"),
+    Rule("handle_hidden",     lambda f, p: f.handle_age_s > p.age_ease_s,           PREPARED, 0.0, Level.EASE,  "the handle is not seen",                   "check its markers and the capture system"),
+    Rule("handle_lost",       lambda f, p: f.handle_age_s > p.age_hold_s,           ENGAGED, 2.0, Level.HOLD,  "the handle has not been seen for long",    "check its markers and the capture system"),
+    Rule("force_silent",      lambda f, p: f.force_age_s > p.age_ease_s,            PREPARED, 0.0, Level.EASE,  "the force estimate is stale",              "check force_estimator and the IMU stream"),
+    Rule("guidance_silent",   lambda f, p: f.guidance_age_s > p.age_ease_s,         PULLING, 0.0, Level.EASE,  "guidance is stale",                        "check guiding_controller and the radio"),
+    Rule("setpoints_silent",  lambda f, p: f.setpoint_age_s > p.age_ease_s,         ENGAGED, 0.0, Level.EASE,  "no set-points leave the bridge",           "check px4_bridge"),
+    Rule("not_offboard",      lambda f, p: not f.offboard,                          ENGAGED, 0.3, Level.HOLD,  "the autopilot left offboard mode",         "read the autopilot's messages"),
+    Rule("pull_strong",       lambda f, p: f.hand_force_N > p.hand_force_ease_N,    ENGAGED, 0.1, Level.EASE,  "the pull on the hand is too strong",       "let the person come closer"),
+    Rule("pull_dangerous",    lambda f, p: f.hand_force_N > p.hand_force_hold_N,    ENGAGED, 0.05, Level.HOLD, "the pull on the hand is dangerous",        "release the handle"),
+    Rule("head_near",         lambda f, p: f.head_clearance_m < p.head_warn_m,      ENGAGED, 0.3, Level.WARN,  "a propeller is within reach of the head",  "stretch the arm, step back"),
+    Rule("head_too_near",     lambda f, p: f.head_clearance_m < p.head_ease_m,      ENGAGED, 0.1, Level.EASE,  "a propeller is near the head",             "step back from under the vehicle"),
+    Rule("hand_near",         lambda f, p: f.hand_clearance_m < p.hand_clearance_m, ENGAGED, 0.1, Level.EASE,  "the vehicle is near the hand",             "lower the hand"),
+    Rule("ceiling",           lambda f, p: f.above_ceiling_m > 0.0,                 ENGAGED, 0.2, Level.EASE,  "the vehicle is above its ceiling",         "none: it comes down by itself"),
+    Rule("outside",           lambda f, p: f.robot_outside_m > 0.0,                 FLYING,  0.1, Level.HOLD,  "the vehicle left the volume",              "guide it back or land"),
+    Rule("bias_moving",       lambda f, p: f.bias_change_N > p.bias_warn_N,         ENGAGED, 0.5, Level.WARN,  "the force bias has moved since zeroing",   "zero again soon"),
+    Rule("bias_moved",        lambda f, p: f.bias_change_N > p.bias_hold_N,         ENGAGED, 0.5, Level.HOLD,  "the force estimate cannot be trusted",     "land and zero again"),
+    Rule("battery_low",       lambda f, p: f.battery_fraction < p.battery_warn_fraction, FLYING, 2.0, Level.WARN, "the battery is low",                   "finish soon"),
+    Rule("battery_empty",     lambda f, p: f.battery_fraction < p.battery_land_fraction, FLYING, 2.0, Level.LAND, "the battery is empty",                 "change it"),
+    Rule("host_stall",        lambda f, p: f.stall_s > p.stall_s,                   ENGAGED, 0.0, Level.EASE,  "this host took the processor away",        "stop what else runs on it"),
+)
+# fmt: on
+
+
+class RuleState(NamedTuple):
+    """Per rule, in the table's order: seconds broken, seconds since it was last broken, active or not."""
+
+    broken_s: np.ndarray
+    clear_s: np.ndarray
+    active: np.ndarray
+
+
+def initial(rules: Sequence[Rule] = RULES) -> RuleState:
+    """Nothing broken, nothing active."""
+    n = len(rules)
+    return RuleState(np.zeros(n), np.zeros(n), np.zeros(n, dtype=bool))
+
+
+def step(
+    state: RuleState,
+    facts: Facts,
+    phase: Phase,
+    resume: bool,
+    dt: float,
+    p: Limits,
+    rules: Sequence[Rule] = RULES,
+) -> tuple[RuleState, list[Rule]]:
+    """One tick; returns the active rules, the gravest first, in the table's order within a level."""
+    broken = np.array([phase in r.phases and r.broken(facts, p) for r in rules])
+    debounce = np.array([r.debounce_s for r in rules])
+    latched = np.array([r.level >= Level.HOLD for r in rules])
+    broken_s = np.where(broken, state.broken_s + dt, 0.0)
+    clear_s = np.where(broken, 0.0, state.clear_s + dt)
+    released = ~broken & np.where(latched, resume, clear_s >= p.release_s)
+    active = (broken & (broken_s >= debounce)) | (state.active & ~released)
+    if phase not in FLYING:  # on the ground nothing needs a confirmation
+        active &= broken
+    named = [r for r, on in zip(rules, active, strict=True) if on]
+    return RuleState(broken_s, clear_s, active), sorted(named, key=lambda r: -r.level)

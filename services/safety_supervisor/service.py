@@ -1,0 +1,177 @@
+"""Listens to everyone; says at 100 Hz which phase we are in, what the bridge may do, and what limits it now."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from schemas.estimation import Tare
+from schemas.message import Vec3
+from schemas.safety import Action, Level, OperatorReply, OperatorRequest, Phase, SafetyState
+from schemas.topics import (
+    CABLE_FORCE,
+    GUIDANCE,
+    HANDLE_STATE,
+    REPLY,
+    REQUEST,
+    SAFETY_STATE,
+    SETPOINT,
+    VEHICLE_STATE,
+)
+from schemas.tracking import HandleSource
+from schemas.vehicle import FlightMode
+from services.config import Config
+from services.physics import Array, norm
+from services.runtime.node import Node, used
+from services.runtime.readers import Latest
+from services.safety_supervisor import distances, held, phases, rules
+from services.safety_supervisor.plan import plan
+from services.safety_supervisor.rules import Facts, Rule
+
+
+class Senses:
+    """The supervisor's ears: one reader per topic it judges by."""
+
+    def __init__(self, node: Node) -> None:
+        self.handle = node.latest(HANDLE_STATE)
+        self.vehicle = node.latest(VEHICLE_STATE)
+        self.force = node.latest(CABLE_FORCE)
+        self.guidance = node.latest(GUIDANCE)
+        self.setpoint = node.latest(SETPOINT)
+        self.requests = node.stream(REQUEST)
+
+    def inputs(self) -> dict[str, int]:
+        """What a verdict was made of."""
+        return used(self.handle, self.vehicle, self.force, self.guidance, self.setpoint, self.requests)
+
+
+class Person(NamedTuple):
+    """What is believed of the person: whether they hold the handle, and which way they face."""
+
+    held: held.State
+    ahead: Array
+
+
+async def run(node: Node, config: Config) -> None:
+    """One verdict per tick."""
+    p, path = config.safety_supervisor, config.guided_path
+    senses = Senses(node)
+    out, replies = node.publisher(SAFETY_STATE), node.publisher(REPLY)
+    weight_N = config.px4_bridge.flight.handle_weight_N
+    route = plan(path, config.cable, weight_N, p.below_m, p.away_m, p.aside_m)
+    person = Person(held.start(p.held), path.t_hat(0.0))
+    state, broken, stalls = phases.PhaseState(), rules.initial(), 0
+    async for tick in node.ticks(SAFETY_STATE.rate_Hz):
+        person = _observe(person, senses, tick.dt_s, config)
+        facts = _facts(senses, person, tick.missed / SAFETY_STATE.rate_Hz, config)
+        stalls += facts.stall_s > p.limits.stall_s
+        request = (senses.requests.drain() or [None])[-1]
+        action = request.action if request else None
+        broken, active = rules.step(broken, facts, state.phase, action is Action.RESUME, tick.dt_s, p.limits)
+        seen = _seen(action, active, senses, bool(person.held.held), path.p(1.0))
+        state, decision = phases.step(state, seen, tick.dt_s, route, p.times)
+        if request:
+            replies.publish(_reply(request, state, active))
+        node.status = f"{state.phase} {state.why}".strip()
+        out.publish(
+            SafetyState(
+                inputs=senses.inputs(),
+                phase=state.phase,
+                level=max(seen.level, state.operator_level),
+                permit=decision.permit,
+                goal_m=Vec3.of(decision.goal),
+                speed_mps=decision.speed_mps,
+                tare=decision.tare,
+                held=bool(person.held.held),
+                reasons=_reasons(state, active, senses),
+                stalls=stalls,
+            )
+        )
+
+
+def _observe(person: Person, senses: Senses, dt: float, config: Config) -> Person:
+    """Held or not, and the way the person faces, from what is known now."""
+    hand, robot, force, sent = senses.handle.value, senses.vehicle.value, senses.force.value, senses.setpoint.value
+    if hand is None or robot is None or force is None:
+        return person
+    p_H, p_R = hand.position_m.array(), robot.position_m.array()
+    x = held.Input(
+        p_H=p_H,
+        v_H=hand.velocity_mps.array(),
+        seen=np.asarray(hand.source is HandleSource.MOCAP),
+        p_R=p_R,
+        f_c=force.force_N.array(),
+        u_A=sent.u_A_N.array() if sent else np.zeros(3),
+    )
+    p = config.safety_supervisor.held
+    state, _ = held.step(person.held, x, dt, config.world.hand_height_m, config.cable.rest_length_m, p)
+    return Person(state, distances.facing(person.ahead, p_R, p_H))
+
+
+def _facts(senses: Senses, person: Person, stall_s: float, config: Config) -> Facts:
+    """What the rules are judged by; what is unknown is judged by its age, not by a guess."""
+    hand, robot, force = senses.handle.message, senses.vehicle.message, senses.force.message
+    p, world = config.safety_supervisor, config.world
+    p_R = robot.position_m.array() if robot else np.zeros(3)
+    p_H = hand.position_m.array() if hand and hand.valid else p_R - np.array([0.0, 0.0, config.cable.rest_length_m])
+    near = distances.measure(
+        p_R,
+        p_H,
+        person.ahead,
+        np.array(world.volume_min_m),
+        np.array(world.volume_max_m),
+        config.px4_bridge.flight.ceiling_m + p.ceiling_margin_m,
+        p.envelope,
+    )
+    weight = np.array([0.0, 0.0, config.px4_bridge.flight.handle_weight_N])
+    pull = float(norm(force.force_N.array() - weight)) if force and person.held.held else 0.0
+    return Facts(
+        handle_age_s=_age_s(senses.handle),
+        vehicle_age_s=_age_s(senses.vehicle),
+        force_age_s=_age_s(senses.force),
+        guidance_age_s=_age_s(senses.guidance),
+        setpoint_age_s=_age_s(senses.setpoint),
+        offboard=robot is not None and robot.mode is FlightMode.OFFBOARD,
+        hand_force_N=pull,
+        head_clearance_m=float(near.head) if person.held.held else np.inf,
+        hand_clearance_m=float(near.hand) if person.held.held else np.inf,
+        robot_outside_m=float(near.outside),
+        above_ceiling_m=float(near.above),
+        bias_change_N=force.bias_change_N if force else 0.0,
+        battery_fraction=robot.battery_fraction if robot else 1.0,
+        stall_s=stall_s,
+    )
+
+
+def _age_s(reader: Latest[Any]) -> float:
+    """Since a valid message's content was true; infinite for an invalid one or none."""
+    return reader.age_s if reader.message is not None and reader.message.valid else float("inf")
+
+
+def _seen(action: Action | None, active: list[Rule], senses: Senses, is_held: bool, end: Array) -> phases.Seen:
+    hand, robot, force = senses.handle.value, senses.vehicle.message, senses.force.message
+    away = hand.position_m.array() - end if hand else np.full(3, np.inf)
+    return phases.Seen(
+        action=action,
+        level=active[0].level if active else Level.OK,
+        p_R=robot.position_m.array() if robot else np.zeros(3),
+        v_R=robot.velocity_mps.array() if robot else np.full(3, np.inf),
+        armed=robot is not None and robot.armed,
+        tare=force.tare if force else Tare.NONE,
+        held=is_held,
+        end_distance_m=float(np.hypot(away[0], away[1])),
+    )
+
+
+def _reasons(state: phases.PhaseState, active: list[Rule], senses: Senses) -> list[str]:
+    """The gravest first; then why this phase was entered, and what zeroing says."""
+    texts = [f"{rule.text}: {rule.cure}" for rule in active]
+    force = senses.force.message
+    if force and force.tare is Tare.FAILED:
+        texts.append(f"zeroing failed: {force.tare_report}")
+    return texts + ([state.why] if state.why else [])
+
+
+def _reply(request: OperatorRequest, state: phases.PhaseState, active: list[Rule]) -> OperatorReply:
+    refused = request.action is Action.START and state.phase is Phase.IDLE
+    text = "; ".join(rule.text for rule in active) or "not ready" if refused else f"phase {state.phase}"
+    return OperatorReply(request_id=request.request_id, accepted=not refused, text=text)

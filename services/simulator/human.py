@@ -1,0 +1,138 @@
+"""The person on the cable: the paper's mass and damper on the plane of the hand, with a scripted will.
+
+| paper | here | unit | frame |
+|---|---|---|---|
+| p_H, v_H | p_H_W, v_H_W | m, m/s | W |
+| m_H, B_H = b_H I | m_H_kg, b_H_Ns_per_m | kg, N s/m | |
+| f_c, u_H | f_c_W, u_H_W | N | W |
+| z = 0, the plane of the hand | hand_height_m above the floor | m | |
+
+Source: humanModel; the ground's force f_g keeps the height of the hand, which asks for f_c·z < m_H g. A script is data: a
+tuple of events, and `u_H` reads it as a pure function of time. The head is what the rotors must stay clear of (G10).
+Everything broadcasts over leading axes.
+"""
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from services.parameters import NonNegative, Positive, parameters
+from services.physics import Z
+
+Array = NDArray[np.float64]
+
+_XY = np.array([1.0, 1.0, 0.0])
+_TURNING_SPEED_MPS = 0.1  # slower than this a person does not turn towards where the hand moves
+
+
+@parameters
+class Human:
+    """Inertia and damping of the walking person at the hand, and where the head is: behind the hand, above the floor."""
+
+    m_H_kg: Positive
+    b_H_Ns_per_m: Positive
+    hand_height_m: Positive
+    head_height_m: Positive
+    head_behind_hand_m: NonNegative
+    head_beside_hand_m: float
+    turning_time_s: Positive
+    b_stop_Ns_per_m: Positive
+
+
+class HumanState(NamedTuple):
+    """Hand position and velocity, and the direction the person faces (horizontal, unit length), each (..., 3)."""
+
+    p_H_W: Array
+    v_H_W: Array
+    facing_W: Array
+
+
+class Kind(StrEnum):
+    """What a person can do of their own will."""
+
+    STOP = "stop"  # digs the heels in: strong damping
+    PUSH = "push"  # a force
+    WALK_AWAY = "walk_away"  # a force, meant to last
+    LET_GO = "let_go"  # opens the hand
+
+
+@dataclass(frozen=True, kw_only=True)
+class Event:
+    """One deed: from `start_s` for `duration_s`, with a horizontal force where the kind asks for one."""
+
+    kind: Kind
+    start_s: float
+    duration_s: float = math.inf
+    force_W_N: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be meant. Raises ValueError."""
+        if not self.duration_s > 0.0:
+            raise ValueError(f"{self.kind}.duration_s = {self.duration_s} must be above 0")
+        if self.kind in (Kind.PUSH, Kind.WALK_AWAY) and not any(self.force_W_N[:2]):
+            raise ValueError(f"{self.kind}.force_W_N = {self.force_W_N} must have a horizontal part")
+
+    def covers(self, t_s: float) -> bool:
+        """Whether the event is going on at `t_s`."""
+        return self.start_s <= t_s < self.start_s + self.duration_s
+
+
+Behaviour = tuple[Event, ...]
+
+
+def u_H(t_s: float, state: HumanState, script: Behaviour, p: Human) -> Array:
+    """The person's own force at time `t_s` in N, (..., 3), horizontal."""
+    total = np.zeros_like(state.v_H_W)
+    for event in script:
+        if event.covers(t_s):
+            total = total + _deed(event, state, p)
+    return total * _XY
+
+
+def lets_go(t_s: float, script: Behaviour) -> bool:
+    """Whether the script opens the hand at `t_s`."""
+    return any(event.kind is Kind.LET_GO and event.covers(t_s) for event in script)
+
+
+def _deed(event: Event, state: HumanState, p: Human) -> Array:
+    if event.kind is Kind.STOP:
+        return -p.b_stop_Ns_per_m * state.v_H_W
+    return np.array(event.force_W_N)
+
+
+def step(state: HumanState, f_c_W: Array, u_H_W: Array, dt: float, p: Human) -> HumanState:
+    """One step of `m_H v̇_H = -b_H v_H + f_c + u_H` in the plane; exact for forces held over `dt` (humanModel).
+
+    `f_c_W` and `u_H_W` are (..., 3) N; the height of the hand stays as it is.
+    """
+    rate = p.b_H_Ns_per_m / p.m_H_kg
+    fade = math.exp(-rate * dt)
+    v_end = (f_c_W + u_H_W) * (_XY / p.b_H_Ns_per_m)  # the speed that these forces would lead to
+    gap = state.v_H_W * _XY - v_end
+    v = v_end + fade * gap
+    p_H = state.p_H_W + dt * v_end + ((1.0 - fade) / rate) * gap
+    return HumanState(p_H, v, facing(state.facing_W, v, dt, p))
+
+
+def facing(facing_W: Array, v_W: Array, dt: float, p: Human) -> Array:
+    """The person turns towards the way the hand moves, within about `turning_time_s`; unit length, (..., 3)."""
+    speed = np.sqrt((v_W * v_W).sum(-1, keepdims=True))
+    gain = np.where(speed > _TURNING_SPEED_MPS, -math.expm1(-dt / p.turning_time_s), 0.0)
+    wanted = v_W / np.maximum(speed, _TURNING_SPEED_MPS) + 0.01 * left(facing_W)  # from straight behind: turn left
+    blend = facing_W + gain * (wanted - facing_W)
+    return blend / np.sqrt((blend * blend).sum(-1, keepdims=True))
+
+
+def left(facing_W: Array) -> Array:
+    """The horizontal direction to the left of `facing_W`, (..., 3)."""
+    return facing_W[..., [1, 0, 2]] * [-1.0, 1.0, 0.0]
+
+
+def head(p_H_W: Array, facing_W: Array, p: Human) -> Array:
+    """Where the head is, (..., 3) m in the world: behind the hand, to its left by `head_beside_hand_m`, at its height."""
+    ground = p_H_W * _XY - p.head_behind_hand_m * facing_W + p.head_beside_hand_m * left(facing_W)
+    return ground + p.head_height_m * Z

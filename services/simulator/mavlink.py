@@ -1,0 +1,250 @@
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
+"""The stand-in autopilot's end of a MAVLink 2 connection over UDP; the only place that plays a vehicle on the wire.
+
+No thread and no clock of its own: the simulator's loop calls `receive` before and `send` after each step of the
+autopilot, and the time in the messages is the vehicle's. The dialect is imported by its MAVLink 2 name, so that no
+environment variable decides about the version.
+"""
+
+import math
+import socket
+import struct
+from collections.abc import Callable
+from contextlib import suppress
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pymavlink.dialects.v20 import common as dialect
+
+from schemas import frames
+from services.simulator.autopilot import STEP_S, AutopilotState, Input, Output, Pose, Sensors, Target
+from services.simulator.cascade import Setpoint
+from services.simulator.commander import (
+    Ack,
+    Arm,
+    Mode,
+    SetOrigin,
+    SetParameter,
+    Switch,
+    Terminate,
+    Unsupported,
+)
+from services.simulator.mavlink_streams import CUSTOM_MODE, Moment, streams
+
+Array = NDArray[np.float64]
+
+_SYSTEM, _AUTOPILOT = 1, 1
+_DATAGRAM_BYTES = 1400
+_FORCE = 21196  # the magic number of a forced disarm
+_LOCAL_NED = 1
+_FORCE_SETPOINT, _IGNORE_YAW = 1 << 9, 1 << 10
+_INT32, _REAL32 = 6, 9
+_WARNING = 4
+_MODES = {code: mode for mode, code in CUSTOM_MODE.items() if mode is not Mode.DESCEND}
+
+
+class MavlinkLink:
+    """A vehicle that talks to a companion at `remote`, from `local_port` (0: any free one).
+
+    Raises OSError when `local_port` is taken.
+    """
+
+    def __init__(self, remote: tuple[str, int] = ("127.0.0.1", 14540), local_port: int = 0) -> None:
+        self.remote = remote
+        self.sent: dict[int, int] = {}
+        """How many of each stream have gone out, by message id."""
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        self._socket.bind(("", local_port))
+        self._mav = dialect.MAVLink(self, _SYSTEM, _AUTOPILOT)
+        self._mav.robust_parsing = True
+        self._datagram = bytearray()
+        self._streams = streams()
+        self._asked: set[int] = set()
+        self._replies: list[Callable[[Any, AutopilotState], None]] = []
+        self._inputs: list[Input] = []
+        self._handlers = self._understood()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, _type: type[BaseException] | None, _e: BaseException | None, _t: TracebackType | None) -> None:
+        self._socket.close()
+
+    def receive(self) -> list[Input]:
+        """What has arrived since the last call, oldest first. Never blocks; damaged bytes are skipped."""
+        while (data := self._read()) is not None:
+            for message in self._mav.parse_buffer(data) or ():
+                handler = self._handlers.get(message.get_msgId())
+                if handler is not None and _is_for_us(message):
+                    handler(message)
+        inputs, self._inputs = self._inputs, []
+        return inputs
+
+    def send(self, state: AutopilotState, sensors: Sensors, output: Output) -> None:
+        """Send answers, remarks and every stream that is due at the vehicle's time."""
+        now = Moment(state, sensors, round(state.t_s * 1e6))
+        for stream in self._streams:
+            if stream.is_due(now.time_us, 0.5e6 * STEP_S) or stream.message_id in self._asked:
+                stream.encode(self._mav, now)
+                self.sent[stream.message_id] = self.sent.get(stream.message_id, 0) + 1
+        self._asked.clear()
+        self._answer(state, output)
+        self._flush()
+
+    def write(self, packet: bytes) -> None:
+        """Where the dialect puts a packed message: into the datagram that goes out next."""
+        if len(self._datagram) + len(packet) > _DATAGRAM_BYTES:
+            self._flush()
+        self._datagram += packet
+
+    def _flush(self) -> None:
+        if not self._datagram:
+            return
+        with suppress(BlockingIOError, ConnectionRefusedError):  # a radio does not wait for its listener either
+            self._socket.sendto(self._datagram, self.remote)
+        self._datagram.clear()
+
+    def _read(self) -> bytes | None:
+        try:
+            return self._socket.recv(65536)
+        except (BlockingIOError, ConnectionRefusedError):
+            return None
+
+    def _answer(self, state: AutopilotState, output: Output) -> None:
+        for request, ack in output.answers:
+            if isinstance(request, SetParameter):
+                self._send_parameter(state, request.name)
+            elif request.ticket:
+                self._mav.command_ack_send(request.ticket, int(ack))
+        for reply in self._replies:
+            reply(self._mav, state)
+        self._replies.clear()
+        for text in output.texts:
+            self._mav.statustext_send(_WARNING, text.encode()[:50])
+
+    def _send_parameter(self, state: AutopilotState, name: str) -> None:
+        """Silent about an unknown name, as PX4 is. Integers travel as their bits."""
+        if name not in state.px4:
+            return
+        value, names = state.px4[name], list(state.px4)
+        number = _float_of_bits(value) if isinstance(value, int) else value
+        kind = _INT32 if isinstance(value, int) else _REAL32
+        self._mav.param_value_send(name.encode(), number, kind, len(names), names.index(name))
+
+    def _understood(self) -> dict[int, Callable[[Any], None]]:
+        return {
+            dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED: self._on_setpoint,
+            dialect.MAVLINK_MSG_ID_VISION_POSITION_ESTIMATE: self._on_pose,
+            dialect.MAVLINK_MSG_ID_SET_GPS_GLOBAL_ORIGIN: self._on_origin,
+            dialect.MAVLINK_MSG_ID_COMMAND_LONG: self._on_command,
+            dialect.MAVLINK_MSG_ID_COMMAND_INT: self._on_command,
+            dialect.MAVLINK_MSG_ID_PARAM_SET: self._on_parameter_set,
+            dialect.MAVLINK_MSG_ID_PARAM_REQUEST_READ: self._on_parameter_read,
+            dialect.MAVLINK_MSG_ID_PARAM_REQUEST_LIST: self._on_parameter_list,
+            dialect.MAVLINK_MSG_ID_MISSION_REQUEST_LIST: self._on_mission_list,
+            dialect.MAVLINK_MSG_ID_TIMESYNC: self._on_timesync,
+        }
+
+    def _on_setpoint(self, message: Any) -> None:
+        if message.coordinate_frame != _LOCAL_NED or message.type_mask & _FORCE_SETPOINT:
+            return
+        mask = message.type_mask
+        p = _unmasked((message.x, message.y, message.z), mask)
+        v = _unmasked((message.vx, message.vy, message.vz), mask >> 3)
+        a = _unmasked((message.afx, message.afy, message.afz), mask >> 6)
+        yaw = np.nan if mask & _IGNORE_YAW else frames.yaw_ned_from_enu(message.yaw)
+        self._inputs.append(Target(Setpoint(p, v, a, np.array(yaw))))
+
+    def _on_pose(self, message: Any) -> None:
+        self._inputs.append(Pose(frames.enu_from_ned(np.array((message.x, message.y, message.z)))))
+
+    def _on_origin(self, _message: Any) -> None:
+        self._inputs.append(SetOrigin())
+
+    def _on_command(self, message: Any) -> None:
+        command, first, second = message.command, message.param1, message.param2
+        match command:
+            case dialect.MAV_CMD_COMPONENT_ARM_DISARM:
+                self._inputs.append(Arm(first > 0.5, second == _FORCE, command))
+            case dialect.MAV_CMD_DO_SET_MODE:
+                mode = _MODES.get(_whole(second) << 16 | _whole(message.param3) << 24)
+                self._inputs.append(Switch(mode, command) if mode else Unsupported(command))
+            case dialect.MAV_CMD_NAV_LAND:
+                self._inputs.append(Switch(Mode.LAND, command))
+            case dialect.MAV_CMD_DO_FLIGHTTERMINATION:
+                self._inputs.append(Terminate(command))
+            case _:
+                self._reply(command, self._on_message_command(command, _whole(first), second))
+
+    def _on_message_command(self, command: int, message_id: int, interval_us: float) -> Ack:
+        """Requests about messages, which the autopilot itself does not hear of."""
+        if command == dialect.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES:
+            message_id = dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION
+        elif command not in (dialect.MAV_CMD_REQUEST_MESSAGE, dialect.MAV_CMD_SET_MESSAGE_INTERVAL):
+            return Ack.UNSUPPORTED
+        stream = next((stream for stream in self._streams if stream.message_id == message_id), None)
+        if stream is None:
+            return Ack.DENIED
+        if command == dialect.MAV_CMD_SET_MESSAGE_INTERVAL:
+            stream.set_interval(interval_us)
+        else:
+            self._asked.add(message_id)
+        return Ack.ACCEPTED
+
+    def _reply(self, command: int, ack: Ack) -> None:
+        self._replies.append(lambda mav, _state: mav.command_ack_send(command, int(ack)))
+
+    def _on_parameter_set(self, message: Any) -> None:
+        is_integer = message.param_type != _REAL32
+        value = _bits_of_float(message.param_value) if is_integer else message.param_value
+        self._inputs.append(SetParameter(message.param_id, value))
+
+    def _on_parameter_read(self, message: Any) -> None:
+        def reply(_mav: Any, state: AutopilotState) -> None:
+            names = list(state.px4)
+            by_index = 0 <= message.param_index < len(names)
+            self._send_parameter(state, names[message.param_index] if by_index else message.param_id)
+
+        self._replies.append(reply)
+
+    def _on_parameter_list(self, _message: Any) -> None:
+        def reply(_mav: Any, state: AutopilotState) -> None:
+            for name in state.px4:
+                self._send_parameter(state, name)
+
+        self._replies.append(reply)
+
+    def _on_mission_list(self, message: Any) -> None:
+        """There is no mission."""
+        sender, component = message.get_srcSystem(), message.get_srcComponent()
+        self._replies.append(lambda mav, _state: mav.mission_count_send(sender, component, 0, message.mission_type))
+
+    def _on_timesync(self, message: Any) -> None:
+        if message.tc1 == 0:
+            asked_ns = message.ts1
+            self._replies.append(lambda mav, state: mav.timesync_send(round(state.t_s * 1e9), asked_ns))
+
+
+def _is_for_us(message: Any) -> bool:
+    return getattr(message, "target_system", 0) in (0, _SYSTEM)
+
+
+def _unmasked(components_NED: tuple[float, float, float], ignored: int) -> Array:
+    """ENU vector in which the components that the type mask ignores are NaN."""
+    kept = [np.nan if ignored >> axis & 1 else value for axis, value in enumerate(components_NED)]
+    return frames.enu_from_ned(np.array(kept))
+
+
+def _whole(value: float) -> int:
+    return 0 if math.isnan(value) else int(value)
+
+
+def _float_of_bits(value: int) -> float:
+    return struct.unpack("<f", struct.pack("<i", value))[0]
+
+
+def _bits_of_float(value: float) -> int:
+    return struct.unpack("<i", struct.pack("<f", value))[0]

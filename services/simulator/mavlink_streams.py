@@ -1,0 +1,150 @@
+"""What the stand-in autopilot sends, message by message, in MAVLink's frames and units.
+
+Rates are PX4's defaults for a companion's link; whoever wants more asks for it with MAV_CMD_SET_MESSAGE_INTERVAL, and
+gets no more than PX4 gives. Motor outputs are fractions of full thrust.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from schemas import frames
+from services.simulator.autopilot import AutopilotState, Sensors
+from services.simulator.commander import Mode
+
+Array = NDArray[np.float64]
+
+
+CUSTOM_MODE = {  # PX4's main mode << 16 | sub mode << 24; it shows Descend as Land
+    Mode.OFFBOARD: 6 << 16,
+    Mode.HOLD: 4 << 16 | 3 << 24,
+    Mode.LAND: 4 << 16 | 6 << 24,
+    Mode.DESCEND: 4 << 16 | 6 << 24,
+}
+_QUADROTOR, _PX4 = 2, 12
+_CUSTOM_MODE_ENABLED, _ARMED = 1, 128
+_STANDBY, _ACTIVE, _TERMINATED = 3, 4, 8
+_ON_GROUND, _IN_AIR = 1, 2
+_BATTERY_CELL_V = 3.5
+_NOT_SET = 65535
+_ACCEPTED_FIELDS = 63  # accelerometer and gyro are new in this sample
+
+
+class Moment(NamedTuple):
+    """All that a message can be made from; the time is the vehicle's own."""
+
+    state: AutopilotState
+    sensors: Sensors
+    time_us: int
+
+
+def _heartbeat(mav: Any, now: Moment) -> None:
+    orders = now.state.commander
+    base = _CUSTOM_MODE_ENABLED | (_ARMED if orders.armed else 0)
+    status = _TERMINATED if orders.terminated else _ACTIVE if orders.armed else _STANDBY
+    mav.heartbeat_send(_QUADROTOR, _PX4, base, CUSTOM_MODE[orders.mode], status)
+
+
+def _sys_status(mav: Any, now: Moment) -> None:
+    percent = round(100 * now.sensors.battery_fraction)
+    mav.sys_status_send(0, 0, 0, 0, int(4000 * _BATTERY_CELL_V), -1, percent, 0, 0, 0, 0, 0, 0)
+
+
+def _battery_status(mav: Any, now: Moment) -> None:
+    cells = [int(1000 * _BATTERY_CELL_V)] * 4 + [_NOT_SET] * 6
+    mav.battery_status_send(0, 0, 1, 2500, cells, -1, -1, -1, round(100 * now.sensors.battery_fraction))
+
+
+def _extended_sys_state(mav: Any, now: Moment) -> None:
+    mav.extended_sys_state_send(0, _ON_GROUND if now.state.ground.landed else _IN_AIR)
+
+
+def _attitude_quaternion(mav: Any, now: Moment) -> None:
+    q = frames.q_ned_frd_from_enu_flu(now.sensors.q_WB_wxyz).tolist()
+    rate = frames.frd_from_flu(now.sensors.omega_B).tolist()
+    mav.attitude_quaternion_send(now.time_us // 1000, *q, *rate)
+
+
+def _actuator_output_status(mav: Any, now: Moment) -> None:
+    mav.actuator_output_status_send(now.time_us, 0b1111, now.state.motors.tolist() + [0.0] * 28)
+
+
+def _highres_imu(mav: Any, now: Moment) -> None:
+    force = frames.frd_from_flu(now.sensors.specific_force_B).tolist()
+    rate = frames.frd_from_flu(now.sensors.omega_B).tolist()
+    mav.highres_imu_send(now.time_us, *force, *rate, 0, 0, 0, 0, 0, 0, 0, _ACCEPTED_FIELDS)
+
+
+def _local_position_ned(mav: Any, now: Moment) -> None:
+    """Silent, as PX4 is, while there is no position."""
+    if now.state.has_position:
+        p = frames.ned_from_enu(now.state.estimate.p_W).tolist()
+        v = frames.ned_from_enu(now.state.estimate.v_W).tolist()
+        mav.local_position_ned_send(now.time_us // 1000, *p, *v)
+
+
+def _position_target_local_ned(mav: Any, now: Moment) -> None:
+    target = now.state.setpoint
+    p, v, a = (frames.ned_from_enu(x).tolist() for x in (target.p_W, target.v_W, target.a_W))
+    yaw = frames.yaw_ned_from_enu(float(target.yaw_rad))
+    mav.position_target_local_ned_send(now.time_us // 1000, 1, 0, *p, *v, *a, yaw, 0.0)
+
+
+def _attitude_target(mav: Any, now: Moment) -> None:
+    """Only its thrust is meant; the attitude is the present one."""
+    q = frames.q_ned_frd_from_enu_flu(now.sensors.q_WB_wxyz).tolist()
+    mav.attitude_target_send(now.time_us // 1000, 0, q, 0.0, 0.0, 0.0, float(now.state.motors.mean()))
+
+
+def _autopilot_version(mav: Any, now: Moment) -> None:
+    """Capabilities: float parameters, COMMAND_INT, offboard set-points, MAVLink 2."""
+    capabilities = 1 << 1 | 1 << 3 | 1 << 6 | 1 << 7 | 1 << 13
+    mav.autopilot_version_send(capabilities, 0x011100FF, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 1)
+
+
+@dataclass
+class Stream:
+    """One message: how often it goes out (0: only when asked for), at most how often, and when next."""
+
+    message_id: int
+    encode: Callable[[Any, Moment], None]
+    default_Hz: float
+    max_Hz: float
+    interval_us: float = 0.0
+    due_us: float = 0.0
+
+    def __post_init__(self) -> None:
+        self.set_interval(0.0)
+
+    def set_interval(self, interval_us: float) -> None:
+        """As MAV_CMD_SET_MESSAGE_INTERVAL has it: 0 is the default, -1 is never."""
+        wanted_Hz = self.default_Hz if interval_us == 0.0 else 1e6 / interval_us
+        self.interval_us = 1e6 / min(wanted_Hz, self.max_Hz) if wanted_Hz > 0.0 else np.inf
+        self.due_us = 0.0 if np.isfinite(self.interval_us) else np.inf
+
+    def is_due(self, time_us: int, slack_us: float) -> bool:
+        """Whether to send now; a stream that fell behind does not catch up."""
+        if time_us + slack_us < self.due_us:
+            return False
+        self.due_us = max(self.due_us, time_us - self.interval_us) + self.interval_us
+        return True
+
+
+def streams() -> tuple[Stream, ...]:
+    """All of them. Those that a merged inertial sample is made of come before HIGHRES_IMU, which completes it."""
+    return (
+        Stream(0, _heartbeat, 1.0, 50.0),
+        Stream(1, _sys_status, 1.0, 10.0),
+        Stream(147, _battery_status, 0.5, 10.0),
+        Stream(245, _extended_sys_state, 5.0, 50.0),
+        Stream(148, _autopilot_version, 0.0, 1.0),
+        Stream(31, _attitude_quaternion, 50.0, 250.0),
+        Stream(375, _actuator_output_status, 10.0, 250.0),
+        Stream(83, _attitude_target, 10.0, 125.0),
+        Stream(105, _highres_imu, 50.0, 250.0),
+        Stream(32, _local_position_ned, 30.0, 125.0),
+        Stream(85, _position_target_local_ned, 10.0, 125.0),
+    )

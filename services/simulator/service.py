@@ -1,0 +1,139 @@
+"""The world in real time: vehicle, cable, handle, person, and the stand-in autopilot that flies them over MAVLink.
+
+It says what the capture system sees and, for reports, the truth. It listens to the supervisor only as the simulated person
+listens to the experimenter: to be told when to take the handle and when to let go.
+"""
+
+import numpy as np
+
+from schemas.message import Quaternion, Vec3
+from schemas.safety import Phase, SafetyState
+from schemas.simulation import Truth
+from schemas.topics import MOCAP_FRAME, SAFETY_STATE, TRUTH
+from schemas.tracking import MocapFrame, RigidBody
+from services.config import Config
+from services.physics import GRAVITY_MPS2, Array, Z
+from services.runtime.node import Node
+from services.runtime.readers import Latest
+from services.simulator import autopilot, imu, quadrotor, world
+from services.simulator.autopilot import STEP_S, Autopilot, AutopilotState, Link, Sensors
+from services.simulator.mavlink import MavlinkLink
+from services.simulator.world import Told, WorldParams, WorldState
+
+PHYSICS_STEPS = 4  # of 1 ms in each step of the autopilot
+CATCH_UP_S = 0.1
+"""After a stall of the host the world goes on by at most this much: what it did in between was not calculated."""
+
+
+async def run(node: Node, config: Config) -> None:
+    """Play the vehicle on the profile's MAVLink address."""
+    host, port = config.simulator.companion.rsplit(":", 1)
+    with MavlinkLink((host, int(port))) as link:
+        await play(node, config, link)
+
+
+async def play(node: Node, config: Config, link: Link) -> None:
+    """The world's loop at the autopilot's 250 Hz."""
+    stage = Stage(config)
+    frames, truths = node.publisher(MOCAP_FRAME), node.publisher(TRUTH)
+    safety = node.latest(SAFETY_STATE)
+    frame_due, truth_due = 0.0, 0.0
+    async for tick in node.ticks(1.0 / STEP_S):
+        for _ in range(round(min(tick.dt_s, CATCH_UP_S) / STEP_S)):
+            stage.step(_told(safety), link)
+        now_s = tick.n * STEP_S
+        if now_s >= frame_due:
+            frames.publish(stage.capture())
+            frame_due = max(frame_due + 1.0 / config.simulator.mocap_rate_Hz, now_s)
+        if now_s >= truth_due:
+            truths.publish(stage.truth())
+            truth_due = max(truth_due + 1.0 / TRUTH.rate_Hz, now_s)
+        node.status = f"subject {world.look(stage.world, stage.params).phase.value}"
+
+
+def _told(safety: Latest[SafetyState]) -> Told:
+    """What the experimenter says, who watches the supervisor's phase."""
+    phase = safety.message.phase if safety.message else Phase.IDLE
+    return Told(
+        take=phase in (Phase.READY, Phase.GUIDING),
+        let_go=phase in (Phase.CLEARING, Phase.LANDING, Phase.LANDED),
+    )
+
+
+class Stage:
+    """World and autopilot together, and the seeded noise of their sensors."""
+
+    def __init__(self, config: Config) -> None:
+        self.config = config
+        self.params = WorldParams(
+            config.vehicle.quadrotor,
+            config.cable,
+            config.simulator.handle,
+            config.person.human,
+            config.person.subject,
+            config.person.behaviour,
+        )
+        self._noise = np.random.default_rng(config.system.seed)
+        self.world = self._initial()
+        self._autopilot: Autopilot = config.simulator.autopilot
+        robot = self.world.robot
+        self._v_before = robot.v_W
+        self._pilot: AutopilotState = autopilot.initial(robot.p_W, robot.q_WB_wxyz, self._autopilot)
+
+    def step(self, told: Told, link: Link) -> None:
+        """One step of the autopilot, then the physics under its motors."""
+        sensors = self._sense()
+        self._pilot, output = autopilot.step(self._pilot, sensors, link.receive(), STEP_S, self._autopilot)
+        link.send(self._pilot, sensors, output)
+        self._v_before = self.world.robot.v_W
+        for _ in range(PHYSICS_STEPS):
+            self.world = world.step(self.world, output.motors, told, STEP_S / PHYSICS_STEPS, self.params)
+
+    def capture(self) -> MocapFrame:
+        """One frame of motion capture."""
+        p, robot, handle = self.config.simulator.mocap, self.world.robot, self.world.handle
+        level = np.array([1.0, 0.0, 0.0, 0.0])
+        return MocapFrame(
+            robot=_body(*imu.mocap(robot.p_W, robot.q_WB_wxyz, self._noise.standard_normal(6), p)),
+            handle=_body(*imu.mocap(handle.p_W, level, self._noise.standard_normal(6), p)),
+        )
+
+    def truth(self) -> Truth:
+        """The world as it is."""
+        robot, handle, person = self.world.robot, self.world.handle, world.look(self.world, self.params)
+        return Truth(
+            robot_position_m=Vec3.of(robot.p_W),
+            robot_velocity_mps=Vec3.of(robot.v_W),
+            robot_q_WB_wxyz=Quaternion.of(robot.q_WB_wxyz),
+            hand_position_m=Vec3.of(person.p_hand_W),
+            hand_velocity_mps=Vec3.of(person.v_hand_W),
+            handle_position_m=Vec3.of(handle.p_W),
+            handle_velocity_mps=Vec3.of(handle.v_W),
+            head_position_m=Vec3.of(person.p_head_W),
+            cable_force_N=Vec3.of(self.world.f_c_W),
+            hand_force_N=Vec3.of(world.hand_force(self.world, self.params)),
+            holding=person.holding,
+            subject=person.phase.value,
+        )
+
+    def _initial(self) -> WorldState:
+        """Vehicle under the start, handle laid out, subject clear behind."""
+        path = self.config.guided_path
+        ahead = path.t_hat(0.0)
+        hand = path.p(0.0) - self.config.simulator.clear_of_start_m * ahead
+        return world.initial(path.p(0.0), np.array(self.config.world.handle_start_m), hand, ahead, self.params)
+
+    def _sense(self) -> Sensors:
+        """What the inertial unit makes of the last step: the mean specific force, so that a touch-down is felt."""
+        robot, p = self.world.robot, self.config.vehicle.imu
+        felt_W = (robot.v_W - self._v_before) / STEP_S + GRAVITY_MPS2 * Z
+        normal = self._noise.standard_normal((2, 3))
+        return Sensors(
+            imu.accelerometer(felt_W @ quadrotor.rotation(robot.q_WB_wxyz), normal[0], STEP_S, p),
+            imu.gyroscope(robot.omega_B, normal[1], STEP_S, p),
+            robot.q_WB_wxyz,
+        )
+
+
+def _body(p_W: Array, q_WB_wxyz: Array) -> RigidBody:
+    return RigidBody(tracked=True, position_m=Vec3.of(p_W), q_WB_wxyz=Quaternion.of(q_WB_wxyz))

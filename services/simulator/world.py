@@ -1,0 +1,85 @@
+"""The simulated world in one step: vehicle, cable, handle and subject, coupled by the cable's force.
+
+The handle is the cable's lower end: it moves with the hand while the subject holds it, and by its own dynamics while not.
+The subject's script counts from the moment the handle is held. Pure: the motors come in, the world goes on by `dt`.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from services import cable
+from services.cable import Cable
+from services.physics import GRAVITY_MPS2, Z
+from services.simulator import handle, human, quadrotor, subject
+from services.simulator.handle import Handle, HandleState
+from services.simulator.human import Behaviour, Human
+from services.simulator.quadrotor import Quadrotor, QuadrotorState
+from services.simulator.subject import Subject, SubjectInput, SubjectOutput, SubjectState
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class WorldParams:
+    """Everything that the world is made of."""
+
+    quadrotor: Quadrotor
+    cable: Cable
+    handle: Handle
+    human: Human
+    subject: Subject
+    behaviour: Behaviour
+
+
+class WorldState(NamedTuple):
+    """`f_c_W` acts on the handle, -f_c_W on the vehicle; `held_s` counts while the subject holds the handle."""
+
+    robot: QuadrotorState
+    handle: HandleState
+    subject: SubjectState
+    f_c_W: Array
+    held_s: float
+
+
+class Told(NamedTuple):
+    """What the experimenter says to the subject."""
+
+    take: bool = False
+    let_go: bool = False
+
+
+def initial(p_R: Array, p_handle: Array, p_hand: Array, facing_W: Array, p: WorldParams) -> WorldState:
+    """Vehicle on the floor, handle on the floor beside it, subject clear of both; positions (3,) m."""
+    floor = np.array([1.0, 1.0, 0.0])
+    robot = quadrotor.at_rest(p_R * floor + p.quadrotor.gear_height_m * Z, p.quadrotor)
+    lying = HandleState(p_handle * floor + p.handle.height_m * Z, np.zeros(3))
+    return WorldState(robot, lying, subject.waiting(p_hand, facing_W), np.zeros(3), 0.0)
+
+
+def step(state: WorldState, motor: Array, told: Told, dt: float, p: WorldParams) -> WorldState:
+    """One step of `dt` (1 ms) with the motors' thrust fractions (4,) held."""
+    f_c = cable.force(state.robot.p_W, state.handle.p_W, state.robot.v_W, state.handle.v_W, p.cable)
+    robot = quadrotor.step(state.robot, motor, -f_c, dt, p.quadrotor)
+    wish = human.u_H(state.held_s, state.subject.person, p.behaviour, p.human)
+    opens = human.lets_go(state.held_s, p.behaviour)
+    said = SubjectInput(state.handle.p_W, f_c, told.take, told.let_go, opens, wish)
+    person, seen = subject.step(state.subject, said, dt, p.subject, p.human)
+    if seen.holding:
+        lower_end, held_s = HandleState(seen.p_hand_W, seen.v_hand_W), state.held_s + dt
+    else:
+        lower_end, held_s = handle.step(state.handle, f_c, dt, p.handle), 0.0
+    return WorldState(robot, lower_end, person, f_c, held_s)
+
+
+def look(state: WorldState, p: WorldParams) -> SubjectOutput:
+    """The subject as the world sees it."""
+    return subject.report(state.subject, p.human)
+
+
+def hand_force(state: WorldState, p: WorldParams) -> Array:
+    """What the hand feels in N, (3,): the cable's pull less the handle's weight; zero while it does not hold."""
+    holds = state.subject.phase in subject.HOLDS
+    return state.f_c_W - p.handle.mass_kg * GRAVITY_MPS2 * Z if holds else np.zeros(3)

@@ -1,0 +1,95 @@
+"""From a name to a running service, and from a profile to the processes of a set."""
+
+import asyncio
+import importlib
+import sys
+from collections.abc import AsyncGenerator
+from contextlib import asynccontextmanager
+from datetime import datetime
+from pathlib import Path
+
+from schemas.topics import SERVICES
+from services.config import Config, ConfigError, load
+from services.runtime.bus_config import BusConfig, default_run_dir
+from services.runtime.launcher import Launched, ServiceDied, launch
+from services.runtime.process import serve
+
+
+def bus_config(config: Config) -> BusConfig:
+    """Where the services of this system find each other."""
+    return BusConfig(system=config.system.name, run_dir=default_run_dir(), services=config.system.services)
+
+
+def run_service(name: str, config: Config) -> int:
+    """Run one service in this process; its module is named like it. Returns the exit code."""
+    module = importlib.import_module(f"services.{name}.service")
+    return serve(name, module.run, config, bus_config(config))
+
+
+def new_session(out: Path) -> Path:
+    """A folder named after the local time under `out`, and `out/latest` pointing at it."""
+    name = datetime.now().astimezone().strftime("%Y-%m-%dT%H-%M-%S")
+    folder = out / name
+    for n in range(1, 100):
+        if not folder.exists():
+            break
+        folder = out / f"{name}-{n}"
+    folder.mkdir(parents=True)
+    latest = out / "latest"
+    latest.unlink(missing_ok=True)
+    latest.symlink_to(folder.name)
+    return folder
+
+
+@asynccontextmanager
+async def launch_all(config: Config, timeout_s: float = 30.0) -> AsyncGenerator[Launched]:
+    """Every service of the profile as a process; the resolved configuration and the logs are in `config.session_dir`.
+
+    Raises:
+        ServiceDied, TimeoutError: naming the service, when it ends at start or does not come up.
+    """
+    folder = Path(config.session_dir)
+    resolved = folder / "config.json"
+    resolved.write_text(config.model_dump_json(indent=1))
+    command = [sys.executable, "-P", "-m", "services.cli", "run", "--profile", str(resolved)]
+    commands = {name: [*command, name] for name in config.system.services}
+    async with launch(commands, bus_config(config), folder / "logs", timeout_s) as launched:
+        yield launched
+
+
+def run_by_hand(name: str, profile: str) -> int:
+    """`clew run`: one service in the foreground; 2 for bad configuration or a name that does not exist."""
+    try:
+        if name not in SERVICES:
+            raise ConfigError(f"service {name!r}: must be one of {', '.join(SERVICES)}")
+        config = load(profile)
+    except ConfigError as error:
+        print(error, file=sys.stderr)  # noqa: T201
+        return 2
+    if not config.session_dir:
+        config = config.model_copy(update={"session_dir": str(new_session(Path("sessions")).resolve())})
+    return run_service(name, config)
+
+
+def up(profile: str, out: Path) -> int:
+    """`clew up`: all services of a profile, until Ctrl-C or until one ends."""
+    try:
+        config = load(profile)
+    except ConfigError as error:
+        print(error, file=sys.stderr)  # noqa: T201
+        return 2
+    config = config.model_copy(update={"session_dir": str(new_session(out).resolve())})
+
+    async def stay() -> str:
+        async with launch_all(config) as launched:
+            print(f"up: {', '.join(config.system.services)}; session {config.session_dir}; Ctrl-C stops")  # noqa: T201
+            return await launched.wait()
+
+    try:
+        print(f"{asyncio.run(stay())} ended")  # noqa: T201
+    except KeyboardInterrupt:
+        return 0
+    except (ServiceDied, TimeoutError) as error:
+        print(f"clew up: {error}", file=sys.stderr)  # noqa: T201
+        return 1
+    return 0

@@ -1,0 +1,168 @@
+"""The whole experiment on virtual time, and what happens when something breaks in the middle of it."""
+
+import asyncio
+
+import numpy as np
+import pytest
+
+from schemas.safety import Action, Level, Permit, Phase
+from schemas.topics import CABLE_FORCE, HANDLE_STATE, SAFETY_STATE, SETPOINT, TRUTH
+from schemas.tracking import HandleSource
+from services.config import load
+from services.recorder import metrics
+from tests.services.chain import Flight, Stage, fly, until_guiding, whole
+
+
+@pytest.fixture(scope="module")
+def flight() -> Flight:
+    return fly(load("demo"), whole)
+
+
+def vectors(messages, name):
+    return np.array([getattr(m, name).array() for m in messages])
+
+
+def stamps(messages):
+    return np.array([m.stamp_ns for m in messages]) * 1e-9
+
+
+def at(times, messages, name):
+    """A vector of other messages, interpolated to `times`."""
+    v, t = vectors(messages, name), stamps(messages)
+    return np.stack([np.interp(times, t, v[:, i]) for i in range(3)], axis=1)
+
+
+def test_every_phase_in_order(flight):
+    assert flight.phases() == [
+        Phase.IDLE,
+        Phase.TAKEOFF,
+        Phase.ZEROING,
+        Phase.READY,
+        Phase.GUIDING,
+        Phase.ARRIVED,
+        Phase.CLEARING,
+        Phase.LANDING,
+        Phase.LANDED,
+    ]
+
+
+def test_the_hand_follows_the_path(flight):
+    hand = vectors(flight.during(TRUTH.key, Phase.GUIDING), "hand_position_m")
+    error = metrics.path_error(hand, flight.config.guided_path, np.linspace(0.0, 1.0, 201))
+    assert np.nanmean(np.abs(error)) < 0.035
+    assert np.nanmax(np.abs(error)) < 0.065
+    end = flight.config.guided_path.p(1.0)
+    assert np.hypot(*(hand[-1] - end)[:2]) < 0.10
+
+
+def test_the_pull_is_gentle_and_the_cable_taut(flight):
+    everything = flight.said[TRUTH.key]
+    assert np.max(np.linalg.norm(vectors(everything, "hand_force_N"), axis=1)) < 2.5
+    walk = flight.during(TRUTH.key, Phase.GUIDING)
+    length = np.linalg.norm(vectors(walk, "robot_position_m") - vectors(walk, "hand_position_m"), axis=1)
+    assert metrics.slack_fraction(length[:, None] * [1.0, 0.0, 0.0], flight.config.cable.rest_length_m) < 0.02
+
+
+def test_the_estimate_is_near_the_truth(flight):
+    estimates = flight.during(CABLE_FORCE.key, Phase.GUIDING)
+    error = vectors(estimates, "force_N") - at(stamps(estimates), flight.said[TRUTH.key], "cable_force_N")
+    assert np.sqrt(np.mean(np.sum(error**2, axis=1))) < 0.08
+
+
+def test_the_robot_follows_the_filter(flight):
+    sent = flight.during(SETPOINT.key, Phase.GUIDING)
+    error = vectors(sent, "position_m") - at(stamps(sent), flight.said[TRUTH.key], "robot_position_m")
+    assert np.sqrt(np.mean(np.sum(error**2, axis=1))) < 0.04
+
+
+def test_the_propellers_stay_clear_of_the_head(flight):
+    held = [m for m in flight.said[TRUTH.key] if m.holding]
+    distance = np.linalg.norm(vectors(held, "robot_position_m") - vectors(held, "head_position_m"), axis=1)
+    assert np.min(distance) - flight.config.safety_supervisor.envelope.rotor_tip_m > 0.4
+
+
+def test_the_same_seed_says_the_same_bytes():
+    async def takeoff(stage: Stage) -> None:
+        await asyncio.sleep(0.5)
+        stage.ask(Action.START)
+        await asyncio.sleep(3.0)
+
+    one, other = fly(load("demo"), takeoff), fly(load("demo"), takeoff)
+    assert {k: [m.model_dump_json() for m in v] for k, v in one.said.items()} == {
+        k: [m.model_dump_json() for m in v] for k, v in other.said.items()
+    }
+
+
+def worst_pull_after(flight: Flight, t_s: float) -> float:
+    after = [m for m in flight.said[TRUTH.key] if m.stamp_ns * 1e-9 > t_s]
+    return float(np.max(np.linalg.norm(vectors(after, "hand_force_N"), axis=1)))
+
+
+@pytest.mark.parametrize(
+    ("service", "topic_cut"),
+    [("force_estimator", None), ("guiding_controller", None), ("safety_supervisor", None), ("tracker", None)],
+)
+def test_a_service_that_dies_leaves_no_pull(service, topic_cut):
+    """While the person walks, one service falls silent; a second later nothing pulls, and it never pulled harder."""
+    died = []
+
+    async def script(stage: Stage) -> None:
+        await until_guiding(stage, for_s=6.0)
+        stage.tasks[service].cancel()
+        died.append(stage.operator.clock.now_ns() * 1e-9)
+        del stage.tasks[service]
+        await asyncio.sleep(2.5)
+
+    flight = fly(load("demo"), script)
+    (t,) = died
+    assert worst_pull_after(flight, t) < 2.5
+    assert worst_pull_after(flight, t + 1.5) < 0.3
+
+
+def test_a_person_who_lets_go_is_not_left_behind_by_a_runaway():
+    config = load("demo", person="lets_go")
+
+    async def script(stage: Stage) -> None:
+        await until_guiding(stage)
+        await stage.until(lambda state: not state.held, 30.0)
+        await asyncio.sleep(4.0)
+
+    flight = fly(config, script)
+    free = [
+        m
+        for m in flight.said[TRUTH.key]
+        if not m.holding and m.stamp_ns > flight.during(TRUTH.key, Phase.GUIDING)[0].stamp_ns
+    ]
+    moved = vectors(free, "robot_position_m") - vectors(free[:1], "robot_position_m")
+    assert np.max(np.linalg.norm(moved, axis=1)) < 0.6
+    assert np.max(vectors(free, "robot_position_m")[:, 2]) < config.px4_bridge.flight.ceiling_m + 0.1
+
+
+def test_stop_eases_and_resume_goes_on():
+    async def script(stage: Stage) -> None:
+        await until_guiding(stage, for_s=5.0)
+        stage.ask(Action.EASE, 2)
+        eased = await stage.until(lambda state: state.permit is Permit.EASE, 1.0)
+        assert eased.level is Level.EASE
+        await asyncio.sleep(2.0)
+        calm = stage.flight.said[TRUTH.key][-20:]
+        assert np.max(np.linalg.norm(vectors(calm, "hand_force_N"), axis=1)) < 0.3
+        stage.ask(Action.RESUME, 3)
+        await stage.until(lambda state: state.phase is Phase.LANDED, 100.0)
+
+    flight = fly(load("demo"), script)
+    assert Phase.ARRIVED in flight.phases()
+
+
+def test_a_hidden_handle_is_replaced_by_the_cable():
+    async def script(stage: Stage) -> None:
+        await until_guiding(stage, for_s=6.0)
+        stage.flight.said["hidden"] = []
+        simulated = stage.tasks["simulator"]
+        assert not simulated.done()
+        stage.flight.vehicle  # noqa: B018
+        await asyncio.sleep(0.1)
+
+    flight = fly(load("demo"), script)
+    assert all(m.source is HandleSource.MOCAP for m in flight.said[HANDLE_STATE.key] if m.valid)
+    assert flight.said[SAFETY_STATE.key]
