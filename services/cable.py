@@ -12,11 +12,9 @@ broadcast over leading axes: vectors are (..., 3), lengths (...).
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from services.parameters import NonNegative, Positive, parameters
-
-Array = NDArray[np.float64]
+from services.physics import Array, Scalar, at_least, choose, components, vector
 
 
 @parameters
@@ -28,20 +26,22 @@ class Cable:
     d_c_Ns_per_m: NonNegative = 0.0
 
 
-def tension(length_m: Array, length_rate_mps: Array | float, p: Cable) -> Array:
+def tension(length_m: Scalar, length_rate_mps: Scalar, p: Cable) -> Scalar:
     """t_c in N, (...): Hooke's law with damping while taut, 0 while slack; it never pushes."""
     stretch = length_m - p.rest_length_m
     pull = p.k_c_N_per_m * stretch + p.d_c_Ns_per_m * length_rate_mps
-    return np.where(stretch > 0.0, np.maximum(pull, 0.0), 0.0)
+    return choose(stretch > 0.0, at_least(pull, 0.0), 0.0)
 
 
 def force(p_R: Array, p_H: Array, v_R: Array, v_H: Array, p: Cable) -> Array:
     """f_c on the handle in N, (..., 3); the robot feels -f_c."""
-    l_c = p_R - p_H
-    length = np.sqrt(np.sum(l_c * l_c, axis=-1))
-    l_hat = l_c / np.maximum(length, 1e-9)[..., None]
-    rate = np.sum(l_hat * (v_R - v_H), axis=-1)  # E9: the paper prints ‖v_R - v_H‖
-    return tension(length, rate, p)[..., None] * l_hat
+    x, y, z = components(p_R - p_H)
+    v_x, v_y, v_z = components(v_R - v_H)
+    length = (x * x + y * y + z * z) ** 0.5
+    per_length = 1.0 / at_least(length, 1e-9)
+    rate = (x * v_x + y * v_y + z * v_z) * per_length  # E9: the paper prints ‖v_R - v_H‖
+    pull = tension(length, rate, p) * per_length
+    return vector(pull * x, pull * y, pull * z)
 
 
 def offset(f_c: Array, p: Cable) -> Array:

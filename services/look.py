@@ -22,6 +22,12 @@ from services.start import bus_config
 LISTEN_S = 1.2
 
 
+def _console() -> Console:
+    """As wide as the terminal; in a pipe wide enough that nothing is cut."""
+    console = Console()
+    return console if console.is_terminal else Console(width=200)
+
+
 def topics() -> None:
     """Print the table of schemas/topics.py."""
     table = Table("topic", "type", "rate Hz", "from", "to", "stance", "recorded", "about")
@@ -29,7 +35,7 @@ def topics() -> None:
         rate = f"{t.rate_Hz:g}" if t.rate_Hz else "-"
         to, logged = ", ".join(t.subscribers), "yes" if t.logged else "no"
         table.add_row(t.key, t.type.__name__, rate, t.publisher, to, t.stance.name, logged, t.about)
-    Console().print(table)
+    _console().print(table)
 
 
 def echo(topic: str, profile: str, count: int) -> int:
@@ -66,7 +72,7 @@ def hz(keys: list[str], profile: str, seconds: float) -> int:
         table = Table("topic", "Hz", "table's Hz", "publisher")
         for topic in chosen:
             table.add_row(topic.key, f"{arrived[topic.key] / took:.1f}", f"{topic.rate_Hz:g}", topic.publisher)
-        Console().print(table)
+        _console().print(table)
         return 0
 
     return _with_node(profile, measure)
@@ -83,7 +89,7 @@ def status(profile: str) -> int:
         table = Table("service", "present", "loop Hz", "late p99 ms", "missed", "cpu %", "rejected", "status")
         for name, heart in hearts.items():
             table.add_row(name, "yes" if name in alive else "NO", *_health(heart.value))
-        console = Console()
+        console = _console()
         console.print(table)
         console.print(_verdict(safety.value))
         return 0 if set(hearts) <= alive else 1

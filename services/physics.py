@@ -2,15 +2,65 @@
 
 Quaternions are unit, Hamilton, `q_AB_wxyz`: they take vectors from frame B to frame A. Everything broadcasts over leading
 axes: vectors are (..., 3), quaternions (..., 4).
+
+What runs up to 1000 times a second for one vehicle is written in components: `components` takes an array apart, `vector`
+puts it together. Of one vehicle the components are plain floats, on which Python is fifteen times as quick as numpy is on
+three numbers; of a crowd they are arrays. The formulae are the same, and the few things that floats and arrays do
+differently are the four small functions below: `choose`, `at_least`, `clamp` and `anywhere`.
 """
+
+from collections.abc import Sequence
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Scalar: TypeAlias = Any
+"""A float; of a crowd an array (...,), which is as good as a float in any formula."""
+Components: TypeAlias = Sequence[Scalar]
+Row: TypeAlias = tuple[Scalar, Scalar, Scalar]
 
 GRAVITY_MPS2 = 9.80665
 Z = np.array([0.0, 0.0, 1.0])
+
+
+def components(v: Array) -> list[Scalar]:
+    """The last axis of (..., n) taken apart."""
+    return v.tolist() if v.ndim == 1 else [v[..., i] for i in range(v.shape[-1])]
+
+
+def vector(*components: Scalar) -> Array:
+    """The counterpart of `components`, (..., n)."""
+    if type(components[0]) is float is type(components[-1]):
+        return np.array(components)
+    together = np.empty((*np.broadcast(*components).shape, len(components)))
+    for i, component in enumerate(components):
+        together[..., i] = component
+    return together
+
+
+def choose(flag: Scalar, if_so: Scalar, if_not: Scalar) -> Scalar:
+    """`if_so` where the flag holds, else `if_not`."""
+    if type(flag) is bool:
+        return if_so if flag else if_not
+    chosen: Array = np.where(flag, if_so, if_not)
+    return chosen
+
+
+def at_least(x: Scalar, least: float) -> Scalar:
+    """`x`, or `least` where that is more; NaN stays."""
+    return (least if x < least else x) if type(x) is float else np.maximum(x, least)
+
+
+def clamp(x: Scalar, low: float, high: float) -> Scalar:
+    """`x` kept between `low` and `high`; NaN stays."""
+    return (low if x < low else high if x > high else x) if type(x) is float else np.minimum(np.maximum(x, low), high)
+
+
+def anywhere(flag: Scalar) -> bool:
+    """Whether the flag holds for anybody."""
+    return flag if type(flag) is bool else bool(np.any(flag))
 
 
 def norm(v: Array) -> Array:
@@ -31,16 +81,13 @@ def low_pass_gain(rate_rad_s: float, dt: float | Array) -> float | Array:
 
 def quaternion_product(a: Array, b: Array) -> Array:
     """a ⊗ b, (..., 4)."""
-    aw, ax, ay, az = a[..., 0], a[..., 1], a[..., 2], a[..., 3]
-    bw, bx, by, bz = b[..., 0], b[..., 1], b[..., 2], b[..., 3]
-    return np.stack(
-        (
-            aw * bw - ax * bx - ay * by - az * bz,
-            aw * bx + ax * bw + ay * bz - az * by,
-            aw * by - ax * bz + ay * bw + az * bx,
-            aw * bz + ax * by - ay * bx + az * bw,
-        ),
-        axis=-1,
+    aw, ax, ay, az = components(a)
+    bw, bx, by, bz = components(b)
+    return vector(
+        aw * bw - ax * bx - ay * by - az * bz,
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
     )
 
 
@@ -49,20 +96,26 @@ def conjugate(q: Array) -> Array:
     return q * np.array([1.0, -1.0, -1.0, -1.0])
 
 
-def rotation_matrix(q_AB_wxyz: Array) -> Array:
-    """R_AB with v_A = R_AB v_B, (..., 3, 3)."""
-    w, x, y, z = (q_AB_wxyz[..., i] for i in range(4))
-    rows = (
+def rotation_rows(q_AB_wxyz: Components) -> tuple[Row, Row, Row]:
+    """The rows of R_AB in components."""
+    w, x, y, z = q_AB_wxyz
+    return (
         (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
         (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
         (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
     )
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def rotation_matrix(q_AB_wxyz: Array) -> Array:
+    """R_AB with v_A = R_AB v_B, (..., 3, 3)."""
+    first, second, third = rotation_rows(components(q_AB_wxyz))
+    return vector(*first, *second, *third).reshape(*q_AB_wxyz.shape[:-1], 3, 3)
 
 
 def rotate(q_AB_wxyz: Array, v_B: Array) -> Array:
     """v_A = R_AB v_B, (..., 3)."""
-    return np.einsum("...ij,...j->...i", rotation_matrix(q_AB_wxyz), v_B)
+    x, y, z = components(v_B)
+    return vector(*(a * x + b * y + c * z for a, b, c in rotation_rows(components(q_AB_wxyz))))
 
 
 def integrate_attitude(q_WB_wxyz: Array, omega_B_rad_s: Array, dt: float | Array) -> Array:
@@ -76,5 +129,5 @@ def integrate_attitude(q_WB_wxyz: Array, omega_B_rad_s: Array, dt: float | Array
 
 def yaw_from(q_WB_wxyz: Array) -> Array:
     """Heading of the body's x axis from world x, about world z, rad, (...)."""
-    w, x, y, z = (q_WB_wxyz[..., i] for i in range(4))
+    w, x, y, z = components(q_WB_wxyz)
     return np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))

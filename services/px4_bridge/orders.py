@@ -33,7 +33,6 @@ def next_order(permit: Permit, phase: Phase, armed: bool, mode: FlightMode, stre
 
 def streams(permit: Permit, phase: Phase, armed: bool, mode: FlightMode) -> bool:
     """Whether set-points may leave: never without a permit, and no longer once the autopilot lands by itself."""
-    if permit is Permit.NONE:
-        return False
-    lands = mode in (FlightMode.LAND, FlightMode.DESCEND)
-    return phase is Phase.TAKEOFF or (armed and not lands)
+    if not armed:
+        return permit is Permit.POSITION and phase is Phase.TAKEOFF
+    return permit is not Permit.NONE and mode not in (FlightMode.LAND, FlightMode.DESCEND)

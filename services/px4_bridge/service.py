@@ -21,6 +21,7 @@ from services.px4_bridge.orders import Order
 from services.px4_bridge.telemetry import ImuSample, VehicleSample
 from services.px4_bridge.vehicle import MavsdkVehicle, Vehicle, VehicleError
 from services.runtime.node import Node, used
+from services.runtime.pace import Pace
 
 ORDERS_RATE_HZ = 5.0
 
@@ -58,7 +59,7 @@ class Bridge:
             config.px4_bridge.flight, config.px4_bridge.admittance, config.px4_bridge.approach, config.px4_bridge.limits
         )
         self._safety, self._guidance = node.latest(SAFETY_STATE), node.latest(GUIDANCE)
-        self._forces = node.stream(CABLE_FORCE)
+        self._forces = node.queue(CABLE_FORCE)
         self._word = Word()
         self._streaming_s = 0.0
         self._trouble = ""
@@ -81,10 +82,11 @@ class Bridge:
         """The filter on each force sample, a set-point on each tick; nothing repeats either."""
         states, sent = self._node.publisher(VEHICLE_STATE), self._node.publisher(SETPOINT)
         state: flight.State | None = None
-        last_force_ns = self._node.clock.now_ns()
+        last_force_ns, pace = self._node.clock.now_ns(), Pace(VEHICLE_STATE.rate_Hz)
         async for tick in self._node.ticks(SETPOINT.rate_Hz):
             robot = self._vehicle.sample
-            states.publish(_vehicle_state(robot))
+            if pace.due(tick.stamp_ns):
+                states.publish(_vehicle_state(robot))
             self._listen()
             forces, last_force_ns = self._new_forces(last_force_ns)
             if not orders.streams(self._word.permit, self._word.phase, robot.armed, robot.mode):

@@ -1,16 +1,15 @@
 """Recorder: keeps every logged topic as it was said.
 
 listens   every topic that the table marks logged, as bytes
-ticks     50 Hz, to write what has arrived; a flush after each `flush_period_s` bounds what a kill can lose
+ticks     50 Hz, to write what has arrived since (so an arrival is known to 20 ms); a flush after each
+          `flush_period_s` bounds what a kill can lose
 says      in its heartbeat, how much it holds and what it missed
 """
 
 import asyncio
 import platform
 import time
-from collections import deque
 from collections.abc import Mapping
-from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
@@ -18,15 +17,14 @@ from schemas.topics import TOPICS
 from services.config import Config
 from services.recorder.walk import CONFIG_ATTACHMENT
 from services.recorder.writer import Recorder, SessionWriter
-from services.runtime.bus import Bus
-from services.runtime.clock import Clock
+from services.runtime.bus import Bus, Mailbox
 from services.runtime.node import Node
 
 RATE_HZ = 50.0
 LINGER_S = 0.1
 LOGGED = tuple(topic for topic in TOPICS if topic.logged)
 
-Arrived = deque[tuple[str, bytes, int]]
+Mailboxes = Mapping[str, Mailbox]
 
 
 async def run(node: Node, config: Config) -> None:
@@ -56,35 +54,30 @@ async def record(
 
     Raises FileExistsError rather than overwrite a recording, and OSError when the disk is full.
     """
-    arrived = Arrived()
-    for topic in LOGGED:
-        bus.subscribe(topic.key, partial(_keep, arrived, node.clock, topic.key))
+    mailboxes = {topic.key: bus.mailbox(topic.key) for topic in LOGGED}
     epoch_ns = time.time_ns() - node.clock.now_ns()
     with SessionWriter(
         file, LOGGED, epoch_ns=epoch_ns, chunk_bytes=params.chunk_bytes, metadata=metadata, attachments=attachments
     ) as session:
         try:
-            await _write_on(node, session, arrived, max(1, round(params.flush_period_s * RATE_HZ)))
+            await _write_on(node, session, mailboxes, max(1, round(params.flush_period_s * RATE_HZ)))
         finally:
             try:
                 await asyncio.sleep(LINGER_S)
             finally:
-                _write(session, arrived)
+                _write(session, mailboxes, node.clock.now_ns())
 
 
-async def _write_on(node: Node, session: SessionWriter, arrived: Arrived, ticks_per_flush: int) -> None:
+async def _write_on(node: Node, session: SessionWriter, mailboxes: Mailboxes, ticks_per_flush: int) -> None:
     async for tick in node.ticks(RATE_HZ):
-        _write(session, arrived)
+        _write(session, mailboxes, node.clock.now_ns())
         if tick.n % ticks_per_flush == 0:
             session.flush()
             node.status = str(session.verdict)
 
 
-def _keep(arrived: Arrived, clock: Clock, topic_key: str, key: str, payload: bytes) -> None:
-    """Called by the bus, so no more than this. A put on a wildcard is legal, and a message of no topic."""
-    arrived.append((topic_key, payload if key == topic_key else b"", clock.now_ns()))
-
-
-def _write(session: SessionWriter, arrived: Arrived) -> None:
-    while arrived:
-        session.add(*arrived.popleft())
+def _write(session: SessionWriter, mailboxes: Mailboxes, now_ns: int) -> None:
+    """A put on a wildcard is legal, and a message of no topic."""
+    for topic_key, take in mailboxes.items():
+        for key, payload in take():
+            session.add(topic_key, payload if key == topic_key else b"", now_ns)

@@ -1,11 +1,12 @@
 """The border where bytes become messages: one inbox for each topic that a node reads, each payload decoded once."""
 
+import asyncio
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
 from schemas.message import Message
 from schemas.topics import Topic
-from services.runtime.bus import MAX_PAYLOAD_bytes
+from services.runtime.bus import Bus, Mailbox, MAX_PAYLOAD_bytes
 from services.runtime.clock import Clock
 
 M = TypeVar("M", bound=Message)
@@ -15,9 +16,12 @@ QUIET_ns = 1_000_000_000
 
 
 class Inbox(Generic[M]):
-    """Holds the newest message of a topic and hands each to the `taps`, in order. Bad input is counted, never kept."""
+    """Holds the newest message of a topic and hands each to the `taps`, in order. Bad input is counted, never kept.
 
-    def __init__(self, topic: Topic[M], clock: Clock, reject: Callable[[str, str], None]) -> None:
+    It looks into the bus's mailbox when it is read, once in each turn of the loop; `wake` makes the bus call instead.
+    """
+
+    def __init__(self, topic: Topic[M], bus: Bus, clock: Clock, reject: Callable[[str, str], None]) -> None:
         self.topic = topic
         self.clock = clock
         self.message: M | None = None
@@ -26,6 +30,34 @@ class Inbox(Generic[M]):
         self.restarts = 0
         self.taps: list[Callable[[M], None]] = []
         self.reject = reject
+        self._bus = bus
+        self._mailbox: Mailbox | None = None
+        self._looked = False
+        self._wakes = False
+
+    def listen(self) -> None:
+        """Let the bus keep what arrives until somebody looks."""
+        if self._mailbox is None and not self._wakes:
+            self._mailbox = self._bus.mailbox(self.topic.key)
+
+    def look(self) -> None:
+        """Take what has arrived; nothing more until the loop's next turn."""
+        if self._looked or self._wakes or self._mailbox is None:
+            return
+        self._looked = True
+        asyncio.get_running_loop().call_soon(self._look_again)
+        for key, payload in self._mailbox():
+            self.on_payload(key, payload)
+
+    def _look_again(self) -> None:
+        self._looked = False
+
+    def wake(self) -> None:
+        """From now on the bus calls on each arrival."""
+        if not self._wakes:
+            self.look()
+            self._wakes, self._mailbox = True, None
+            self._bus.subscribe(self.topic.key, self.on_payload)
 
     def on_payload(self, key: str, payload: bytes) -> None:
         """Take what the bus delivers; refuse what is not a new, well-formed message of this topic."""

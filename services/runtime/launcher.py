@@ -4,7 +4,7 @@ import asyncio
 import os
 import signal
 from asyncio.subprocess import Process
-from collections.abc import AsyncGenerator, Mapping, Sequence
+from collections.abc import AsyncGenerator, Iterable, Mapping, Sequence
 from contextlib import asynccontextmanager
 from pathlib import Path
 
@@ -28,7 +28,7 @@ class Launched:
         self._log_dir = log_dir
         log_dir.mkdir(parents=True, exist_ok=True)
         self._ended: dict[str, int] = {}
-        self._watchers: list[asyncio.Task[None]] = []
+        self._watchers: dict[str, asyncio.Task[None]] = {}
         self._changed = asyncio.Event()
 
     async def start(self, name: str, command: Sequence[str], env: Mapping[str, str]) -> None:
@@ -38,7 +38,7 @@ class Launched:
                 *command, stdin=asyncio.subprocess.DEVNULL, stdout=log, stderr=log, env=env, start_new_session=True
             )
         self.processes[name] = process
-        self._watchers.append(asyncio.create_task(self._watch(name, process)))
+        self._watchers[name] = asyncio.create_task(self._watch(name, process))
 
     async def until_alive(self, timeout_s: float) -> None:
         """Return when each service has announced itself.
@@ -71,12 +71,15 @@ class Launched:
         return name
 
     async def stop(self) -> None:
-        """SIGINT; after 2 s SIGKILL; returns when all are gone."""
-        self._signal_all(signal.SIGINT)
-        if self._watchers:
-            await asyncio.wait(self._watchers, timeout=STOP_s)
-        self._signal_all(signal.SIGKILL)
-        await asyncio.gather(*self._watchers)
+        """SIGINT to all but the first that was started, then to it, so that a recorder hears the others out.
+
+        After 2 s in all, SIGKILL; returns when all are gone.
+        """
+        first, *others = self.processes or [""]
+        await self._ask(others, 0.6 * STOP_s)
+        await self._ask([first], 0.4 * STOP_s)
+        self._signal(self.processes, signal.SIGKILL)
+        await asyncio.gather(*self._watchers.values())
 
     def on_presence(self, name: str, alive: bool) -> None:
         """The bus reports who comes and goes."""
@@ -100,10 +103,17 @@ class Launched:
                 how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
                 raise ServiceDied(f"{name} {how}\n{self._last_words(name)}")
 
-    def _signal_all(self, number: signal.Signals) -> None:
-        for name, process in self.processes.items():
-            if name not in self._ended and process.returncode is None:
-                process.send_signal(number)
+    async def _ask(self, names: Iterable[str], timeout_s: float) -> None:
+        """SIGINT, and wait until they have ended or the time is over."""
+        asked = [name for name in names if name in self.processes]
+        self._signal(asked, signal.SIGINT)
+        if asked:
+            await asyncio.wait([self._watchers[name] for name in asked], timeout=timeout_s)
+
+    def _signal(self, names: Iterable[str], number: signal.Signals) -> None:
+        for name in names:
+            if name not in self._ended and self.processes[name].returncode is None:
+                self.processes[name].send_signal(number)
 
     def _log(self, name: str) -> Path:
         return self._log_dir / f"{name}.log"

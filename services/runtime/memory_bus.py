@@ -5,7 +5,7 @@ from collections import defaultdict, deque
 from collections.abc import Mapping
 
 from schemas.topics import Stance
-from services.runtime.bus import MAX_PAYLOAD_bytes, OnPayload
+from services.runtime.bus import DEPTH, Mailbox, MAX_PAYLOAD_bytes, OnPayload
 
 
 class MemoryBus:
@@ -30,6 +30,18 @@ class MemoryBus:
     def subscribe(self, key: str, on_payload: OnPayload) -> None:
         """Exact keys only; subscribers are called in the order of their subscription."""
         self._subscribers[key].append(on_payload)
+
+    def mailbox(self, key: str) -> Mailbox:
+        """As Bus.mailbox."""
+        waiting: deque[tuple[str, bytes]] = deque(maxlen=DEPTH)
+        self.subscribe(key, lambda key, payload: waiting.append((key, payload)))
+
+        def take() -> list[tuple[str, bytes]]:
+            taken = list(waiting)
+            waiting.clear()
+            return taken
+
+        return take
 
     def _deliver(self, key: str) -> None:
         payload = self._in_flight[key].popleft()  # the oldest, whichever timer fired: a link does not reorder

@@ -11,10 +11,10 @@ from services.runtime.bus import Bus
 from services.runtime.clock import Clock
 from services.runtime.heart import Heart, Report
 from services.runtime.inbox import Inbox
-from services.runtime.readers import Latest, Stream, used
+from services.runtime.readers import Latest, Queue, Stream, used
 from services.runtime.ticker import LoopStats, Tick, ticks
 
-__all__ = ["Latest", "Node", "Publisher", "Stream", "Tick", "used"]
+__all__ = ["Latest", "Node", "Publisher", "Queue", "Stream", "Tick", "used"]
 
 M = TypeVar("M", bound=Message)
 
@@ -72,6 +72,10 @@ class Node:
         """
         return Latest(self._inbox(topic))
 
+    def queue(self, topic: Topic[M], depth: int = 64) -> Queue[M]:
+        """A reader of every message that is looked into, not waited for; at most `depth` wait. Raises as `latest`."""
+        return Queue(self._inbox(topic), depth)
+
     def stream(self, topic: Topic[M], depth: int = 64) -> Stream[M]:
         """A reader of every message; at most `depth` wait. Raises as `latest`."""
         return Stream(self._inbox(topic), depth, self._heart)
@@ -94,6 +98,8 @@ class Node:
     @property
     def received(self) -> dict[str, int]:
         """Accepted messages by topic."""
+        for inbox in self._inboxes.values():
+            inbox.look()
         return {key: inbox.received for key, inbox in self._inboxes.items()}
 
     @property
@@ -105,11 +111,12 @@ class Node:
         if not (self._observer or self.name in topic.subscribers):
             raise ValueError(f"{self.name} may not read {topic.key}: the table lists {', '.join(topic.subscribers)}")
         if topic.key not in self._inboxes:
-            inbox = self._inboxes[topic.key] = Inbox(topic, self.clock, self.reject)
-            self.bus.subscribe(topic.key, inbox.on_payload)
+            self._inboxes[topic.key] = Inbox(topic, self.bus, self.clock, self.reject)
         return self._inboxes[topic.key]
 
     def _publish_health(self) -> None:
+        for inbox in self._inboxes.values():
+            inbox.look()
         status = " ".join(filter(None, (self.status, self.host_status)))
         health = self._report.heartbeat(self.stats, self.received, self.rejected, status)
         self.publisher(HEALTH[self.name]).publish(health)

@@ -1,4 +1,8 @@
-"""How a service reads a topic: the newest message with its freshness (Latest), or every message in order (Stream)."""
+"""How a service reads a topic: the newest message (Latest), or each in order, looked up (Queue) or waited for (Stream).
+
+Only a Stream wakes its loop when something arrives. The others look when they are asked, and what they show stays the
+same until the loop's next turn, so that a law and the `inputs` of its message speak of the same samples.
+"""
 
 import asyncio
 from collections import deque
@@ -22,15 +26,18 @@ class Latest(Generic[M]):
         self._inbox = inbox
         self._clock = inbox.clock
         self._timeout_ns = inbox.topic.timeout_s * 1e9
+        inbox.listen()
 
     @property
     def message(self) -> M | None:
         """What arrived last; None before the first."""
+        self._inbox.look()
         return self._inbox.message
 
     @property
     def received_ns(self) -> int:
-        """When it arrived, on the own clock; 0 before the first."""
+        """When it was first seen here, on the own clock; 0 before the first."""
+        self._inbox.look()
         return self._inbox.received_ns
 
     @property
@@ -57,21 +64,18 @@ class Latest(Generic[M]):
         return (self._clock.now_ns() - message.stamp_ns) * 1e-9 if message else float("inf")
 
 
-class Stream(Latest[M]):
-    """Every message of a topic, in order, for one consumer. When it lags, the oldest are dropped and counted.
+class Queue(Latest[M]):
+    """Every message of a topic, in order, for one consumer that looks by itself. When it lags, the oldest are dropped.
 
-    `message` is the last one taken out of the stream, so that `used` names what was consumed, not what lies waiting.
+    `message` is the last one taken out, so that `used` names what was consumed, not what lies waiting.
     """
 
-    def __init__(self, inbox: Inbox[M], depth: int, heart: "Heart") -> None:
+    def __init__(self, inbox: Inbox[M], depth: int) -> None:
         super().__init__(inbox)
         self.overflowed = 0
-        self._heart = heart
         self._queue: deque[M] = deque(maxlen=depth)
         self._taken: M | None = None
-        self._waiter: asyncio.Future[None] | None = None
         inbox.taps.append(self._push)
-        heart.sleepers.append(self._wake)
 
     @property
     def message(self) -> M | None:
@@ -80,11 +84,29 @@ class Stream(Latest[M]):
 
     def drain(self) -> list[M]:
         """All that arrived since the last call, oldest first."""
+        self._inbox.look()
         drained = list(self._queue)
         self._queue.clear()
         if drained:
             self._taken = drained[-1]
         return drained
+
+    def _push(self, message: M) -> None:
+        if len(self._queue) == self._queue.maxlen:
+            self.overflowed += 1
+            self._inbox.reject(self.topic.key, "its reader lags: the oldest message was dropped")
+        self._queue.append(message)
+
+
+class Stream(Queue[M]):
+    """A queue that can be waited for: `async for message in stream`."""
+
+    def __init__(self, inbox: Inbox[M], depth: int, heart: "Heart") -> None:
+        inbox.wake()
+        super().__init__(inbox, depth)
+        self._heart = heart
+        self._waiter: asyncio.Future[None] | None = None
+        heart.sleepers.append(self._wake)
 
     def __aiter__(self) -> Self:
         return self
@@ -100,10 +122,7 @@ class Stream(Latest[M]):
         return self._taken
 
     def _push(self, message: M) -> None:
-        if len(self._queue) == self._queue.maxlen:
-            self.overflowed += 1
-            self._inbox.reject(self.topic.key, "the stream's reader lags: its oldest message was dropped")
-        self._queue.append(message)
+        super()._push(message)
         self._wake()
 
     def _wake(self) -> None:

@@ -13,9 +13,10 @@ from typing import Any
 
 import zenoh
 from zenoh import CongestionControl, Encoding, Priority, Sample, SampleKind
+from zenoh.handlers import RingChannel
 
 from schemas.topics import BY_KEY, Stance
-from services.runtime.bus import MAX_PAYLOAD_bytes, OnPayload
+from services.runtime.bus import DEPTH, Mailbox, MAX_PAYLOAD_bytes, OnPayload
 from services.runtime.bus_config import BusConfig, claim
 
 LEASE_ms = 500
@@ -23,9 +24,6 @@ QUEUE = 16
 """Batches that wait for a busy link before DROP drops; Zenoh's own 2 lost samples on a loaded machine."""
 
 RETRY_ms = 100
-DEPTH = 1024
-"""Samples of one key that wait for a loop that is stuck; then the oldest are dropped."""
-
 # Nothing blocks: a blocked put on a dead link stalls local delivery too. `express` skips the batching wait of 1 ms.
 _QOS: dict[Stance, tuple[Priority, bool]] = {
     Stance.STREAM: (Priority.REAL_TIME, True),
@@ -42,12 +40,12 @@ class ZenohBus:
         self._session = session
         self._prefix = config.prefix
         self._publishers: dict[str, zenoh.Publisher] = {}
-        self._mailboxes: list[_Mailbox] = []
+        self._relays: list[_Relay] = []
 
     @property
     def dropped(self) -> int:
         """Samples lost between Zenoh and a loop that was stuck."""
-        return sum(mailbox.dropped for mailbox in self._mailboxes)
+        return sum(relay.dropped for relay in self._relays)
 
     def put(self, key: str, payload: bytes, stance: Stance) -> None:
         """Send over a publisher that is declared on first use."""
@@ -58,16 +56,29 @@ class ZenohBus:
 
     def subscribe(self, key: str, on_payload: OnPayload) -> None:
         """Deliver the samples of `key` into the running loop."""
-        mailbox = _Mailbox(asyncio.get_running_loop(), lambda key, sample: on_payload(key, _payload(sample)))
-        self._mailboxes.append(mailbox)
-        self._session.declare_subscriber(self._prefix + key, self._into(mailbox))
+        relay = _Relay(asyncio.get_running_loop(), lambda key, sample: on_payload(key, _payload(sample)))
+        self._relays.append(relay)
+        self._session.declare_subscriber(self._prefix + key, self._into(relay))
+
+    def mailbox(self, key: str) -> Mailbox:
+        """As Bus.mailbox: a ring in Zenoh's own memory, so that an arrival costs Python nothing."""
+        subscriber = self._session.declare_subscriber(self._prefix + key, RingChannel(DEPTH))
+        strip = len(self._prefix)
+
+        def take() -> list[tuple[str, bytes]]:
+            taken: list[tuple[str, bytes]] = []
+            while sample := subscriber.try_recv():
+                taken.append((str(sample.key_expr)[strip:], _payload(sample)))
+            return taken
+
+        return take
 
     def watch(self, on_change: Callable[[str, bool], None]) -> None:
         """Call `on_change(name, alive)` in the running loop for each bus name that is there, comes or goes."""
         loop = asyncio.get_running_loop()
-        mailbox = _Mailbox(loop, lambda name, sample: on_change(name, sample.kind == SampleKind.PUT))
+        relay = _Relay(loop, lambda name, sample: on_change(name, sample.kind == SampleKind.PUT))
         token = f"{self._prefix}@alive/"
-        handler = self._into(mailbox, token)
+        handler = self._into(relay, token)
         self._session.liveliness().declare_subscriber(f"{token}*", handler, history=True)
 
     def alive(self, settle_s: float = 0.3) -> set[str]:
@@ -87,12 +98,12 @@ class ZenohBus:
             express=express,
         )
 
-    def _into(self, mailbox: "_Mailbox", prefix: str | None = None) -> Callable[[Sample], None]:
+    def _into(self, relay: "_Relay", prefix: str | None = None) -> Callable[[Sample], None]:
         strip = len(prefix or self._prefix)
-        return lambda sample: mailbox.post(str(sample.key_expr)[strip:], sample)
+        return lambda sample: relay.post(str(sample.key_expr)[strip:], sample)
 
 
-class _Mailbox:
+class _Relay:
     """From Zenoh's thread into the loop: bounded, and with at most one wake-up under way."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop, deliver: Callable[[str, Sample], None]) -> None:

@@ -34,6 +34,7 @@ class Times:
     step_back_s: Positive
     """For the person to step back before the vehicle moves away."""
     takeoff_limit_s: Positive
+    """For the take-off, and again for zeroing."""
     ready_limit_s: Positive
     fast_mps: Positive
     slow_mps: Positive
@@ -120,7 +121,7 @@ def _operator(state: PhaseState, seen: Seen) -> PhaseState:
             return state
 
 
-AIRBORNE = (Phase.TAKEOFF, Phase.ZEROING, Phase.READY, Phase.GUIDING, Phase.ARRIVED, Phase.HOLD)
+AIRBORNE = (Phase.TAKEOFF, Phase.ZEROING, Phase.READY, Phase.GUIDING, Phase.ARRIVED, Phase.CLEARING, Phase.HOLD)
 
 
 def _escalate(state: PhaseState, seen: Seen) -> PhaseState | None:
@@ -131,7 +132,7 @@ def _escalate(state: PhaseState, seen: Seen) -> PhaseState | None:
     if level >= Level.DESCEND:
         return _enter(state, Phase.LANDING, "descend")
     if level >= Level.LAND:
-        return _enter(state, Phase.CLEARING, "asked to land")
+        return None if state.phase is Phase.CLEARING else _enter(state, Phase.CLEARING, "asked to land")
     if level >= Level.HOLD and state.phase is not Phase.HOLD:
         return _enter(state, Phase.HOLD, "hold")
     return None
@@ -152,7 +153,9 @@ def _takeoff(state: PhaseState, seen: Seen, dt: float, plan: Plan, p: Times) -> 
 def _zeroing(state: PhaseState, seen: Seen, dt: float, plan: Plan, p: Times) -> PhaseState:
     if seen.tare is Tare.PASSED and state.in_phase_s > 0.5:
         return _enter(state, Phase.READY)
-    return _enter(state, Phase.CLEARING, "zeroing failed") if seen.tare is Tare.FAILED else state
+    if seen.tare is Tare.FAILED:
+        return _enter(state, Phase.CLEARING, "zeroing failed")
+    return _enter(state, Phase.CLEARING, "zeroing took too long") if state.in_phase_s > p.takeoff_limit_s else state
 
 
 def _ready(state: PhaseState, seen: Seen, dt: float, plan: Plan, p: Times) -> PhaseState:
@@ -174,6 +177,8 @@ def _arrived(state: PhaseState, seen: Seen, dt: float, plan: Plan, p: Times) -> 
 
 
 def _clearing(state: PhaseState, seen: Seen, dt: float, plan: Plan, p: Times) -> PhaseState:
+    if not seen.armed:  # nothing flies, nothing is to be cleared
+        return _enter(state, Phase.LANDING)
     if state.leg == 0:
         return state._replace(leg=1) if state.in_phase_s >= p.step_back_s else state
     far = float(np.sqrt(np.sum((plan.clearing[state.leg - 1] - seen.p_R) ** 2))) > 2.0 * p.settle_m

@@ -125,8 +125,12 @@ def step(
     p: Limits,
     rules: Sequence[Rule] = RULES,
 ) -> tuple[RuleState, list[Rule]]:
-    """One tick; returns the active rules, the gravest first, in the table's order within a level."""
-    broken = np.array([phase in r.phases and r.broken(facts, p) for r in rules])
+    """One tick; returns the active rules, the gravest first, in the table's order within a level.
+
+    What is active goes on being judged in HOLD: resuming needs its cause gone, not only its phase.
+    """
+    judged = [phase in r.phases or (phase is Phase.HOLD and on) for r, on in zip(rules, state.active, strict=True)]
+    broken = np.array([now and r.broken(facts, p) for r, now in zip(rules, judged, strict=True)])
     debounce = np.array([r.debounce_s for r in rules])
     latched = np.array([r.level >= Level.HOLD for r in rules])
     broken_s = np.where(broken, state.broken_s + dt, 0.0)

@@ -37,7 +37,7 @@ class Senses:
         self.force = node.latest(CABLE_FORCE)
         self.guidance = node.latest(GUIDANCE)
         self.setpoint = node.latest(SETPOINT)
-        self.requests = node.stream(REQUEST)
+        self.requests = node.queue(REQUEST)
 
     def inputs(self) -> dict[str, int]:
         """What a verdict was made of."""

@@ -12,7 +12,8 @@ Forward-left-up body, z-up world; motors as in quadrotor.py. Everything broadcas
 import numpy as np
 from numpy.typing import NDArray
 
-from services.simulator.quadrotor import FORWARD, LEFT, SPIN, rotation
+from services.physics import rotation_matrix
+from services.simulator.quadrotor import FORWARD, LEFT, SPIN
 
 Array = NDArray[np.float64]
 
@@ -26,7 +27,7 @@ def attitude_error(q_WB_wxyz: Array, thrust_direction_W: Array, yaw_rad: Array, 
     The desired attitude is reached from the present one by the shortest tilt (w, x, y, 0), then a twist about the thrust axis.
     The twist is shortened by `yaw_weight`, and twice the vector part of tilt ⊗ twist is the error.
     """
-    R_WB = rotation(q_WB_wxyz)
+    R_WB = rotation_matrix(q_WB_wxyz)
     z = thrust_direction_W
     sin, cos = np.sin(yaw_rad), np.cos(yaw_rad)
     x_W = np.stack((cos * z[..., 2], sin * z[..., 2], -(cos * z[..., 0] + sin * z[..., 1])), axis=-1)

@@ -21,8 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.parameters import Positive, parameters
-from services.physics import GRAVITY_MPS2
-from services.simulator.quadrotor import rotation
+from services.physics import GRAVITY_MPS2, rotate
 
 Array = NDArray[np.float64]
 
@@ -61,7 +60,7 @@ def propagate(
     since = state.since_accepted_s + dt
     if resting:
         return state._replace(v_W=np.zeros(3), since_accepted_s=since)
-    a_W = rotation(q_WB_wxyz) @ specific_force_B - _GRAVITY
+    a_W = rotate(q_WB_wxyz, specific_force_B) - _GRAVITY
     v_W = state.v_W + dt * a_W
     return state._replace(p_W=state.p_W + dt * (v_W - (0.5 * dt) * a_W), v_W=v_W, since_accepted_s=since)
 

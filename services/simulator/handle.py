@@ -13,17 +13,10 @@ dt = 1 ms both hold down to 5 g. Everything broadcasts over leading axes.
 
 from typing import Annotated, NamedTuple
 
-import numpy as np
 from annotated_types import Ge, Le
-from numpy.typing import NDArray
 
 from services.parameters import NonNegative, parameters
-from services.physics import GRAVITY_MPS2, Z
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-
-_XY = np.array([1.0, 1.0, 0.0])
+from services.physics import GRAVITY_MPS2, Array, Components, Scalar, anywhere, at_least, choose, components, vector
 
 
 @parameters
@@ -45,22 +38,26 @@ class HandleState(NamedTuple):
 
 def step(state: HandleState, f_c_W: Array, dt: float, p: Handle) -> HandleState:
     """One step under the cable's force `f_c_W` (..., 3) N, semi-implicit Euler, then the floor; dt up to 1 ms."""
-    pull = f_c_W - p.drag_Ns_per_m * state.v_W
-    v = state.v_W + dt * (pull / p.mass_kg - GRAVITY_MPS2 * Z)
-    moved = HandleState(state.p_W + dt * v, v)
-    return _floor(moved, state.p_W, dt, p) if np.any(_lies(moved, p)) else moved
+    f_x, f_y, f_z = components(f_c_W)
+    v_x, v_y, v_z = components(state.v_W)
+    gain, drag = dt / p.mass_kg, p.drag_Ns_per_m
+    v = v_x + gain * (f_x - drag * v_x), v_y + gain * (f_y - drag * v_y), v_z + gain * (f_z - drag * v_z - _weight_N(p))
+    x, y, z = components(state.p_W)
+    moved = x + dt * v[0], y + dt * v[1], z + dt * v[2]
+    lies = (moved[2] <= p.height_m) & (v[2] <= 0.0)
+    if anywhere(lies):
+        v = _slowed(v, lies, p)
+        moved = x + dt * v[0], y + dt * v[1], choose(lies, p.height_m, moved[2])
+    return HandleState(vector(*moved), vector(*v))
 
 
-def _lies(state: HandleState, p: Handle) -> Flags:
-    return (state.p_W[..., 2] <= p.height_m) & (state.v_W[..., 2] <= 0.0)
+def _weight_N(p: Handle) -> float:
+    return p.mass_kg * GRAVITY_MPS2
 
 
-def _floor(moved: HandleState, before_W: Array, dt: float, p: Handle) -> HandleState:
+def _slowed(v: Components, lies: Scalar, p: Handle) -> tuple[Scalar, Scalar, Scalar]:
     """No bounce; Coulomb friction: the floor's impulse takes the fall, and at most `friction` times as much of the slide."""
-    lies = _lies(moved, p)[..., None]
-    slide = moved.v_W * _XY
-    speed = np.sqrt((slide * slide).sum(-1, keepdims=True))
-    keep = np.maximum(0.0, 1.0 + p.friction * moved.v_W[..., 2:] / np.maximum(speed, 1e-9))
-    v = np.where(lies, slide * keep, moved.v_W)
-    p_W = np.where(lies, before_W * _XY + dt * v + p.height_m * Z, moved.p_W)
-    return HandleState(p_W, v)
+    v_x, v_y, v_z = v
+    speed = (v_x * v_x + v_y * v_y) ** 0.5
+    keep = choose(lies, at_least(1.0 + p.friction * v_z / at_least(speed, 1e-9), 0.0), 1.0)
+    return v_x * keep, v_y * keep, choose(lies, 0.0, v_z)

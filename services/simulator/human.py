@@ -18,12 +18,9 @@ from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from services.parameters import NonNegative, Positive, parameters
-from services.physics import Z
-
-Array = NDArray[np.float64]
+from services.physics import Array, at_least, choose, components, vector
 
 _XY = np.array([1.0, 1.0, 0.0])
 _TURNING_SPEED_MPS = 0.1  # slower than this a person does not turn towards where the hand moves
@@ -111,28 +108,36 @@ def step(state: HumanState, f_c_W: Array, u_H_W: Array, dt: float, p: Human) -> 
     """
     rate = p.b_H_Ns_per_m / p.m_H_kg
     fade = math.exp(-rate * dt)
-    v_end = (f_c_W + u_H_W) * (_XY / p.b_H_Ns_per_m)  # the speed that these forces would lead to
-    gap = state.v_H_W * _XY - v_end
-    v = v_end + fade * gap
-    p_H = state.p_H_W + dt * v_end + ((1.0 - fade) / rate) * gap
+    drift, gain = dt / p.b_H_Ns_per_m, (1.0 - fade) / rate
+    (x, y, z), (v_x, v_y, _), (f_x, f_y, _) = (
+        components(state.p_H_W),
+        components(state.v_H_W),
+        components(f_c_W + u_H_W),
+    )
+    gap_x, gap_y = (
+        v_x - f_x / p.b_H_Ns_per_m,
+        v_y - f_y / p.b_H_Ns_per_m,
+    )  # from the speed that the forces would lead to
+    p_H = vector(x + drift * f_x + gain * gap_x, y + drift * f_y + gain * gap_y, z)
+    v = vector(v_x + (fade - 1.0) * gap_x, v_y + (fade - 1.0) * gap_y, 0.0 * gap_x)
     return HumanState(p_H, v, facing(state.facing_W, v, dt, p))
 
 
 def facing(facing_W: Array, v_W: Array, dt: float, p: Human) -> Array:
     """The person turns towards the way the hand moves, within about `turning_time_s`; unit length, (..., 3)."""
-    speed = np.sqrt((v_W * v_W).sum(-1, keepdims=True))
-    gain = np.where(speed > _TURNING_SPEED_MPS, -math.expm1(-dt / p.turning_time_s), 0.0)
-    wanted = v_W / np.maximum(speed, _TURNING_SPEED_MPS) + 0.01 * left(facing_W)  # from straight behind: turn left
-    blend = facing_W + gain * (wanted - facing_W)
-    return blend / np.sqrt((blend * blend).sum(-1, keepdims=True))
-
-
-def left(facing_W: Array) -> Array:
-    """The horizontal direction to the left of `facing_W`, (..., 3)."""
-    return facing_W[..., [1, 0, 2]] * [-1.0, 1.0, 0.0]
+    (x, y, _), (v_x, v_y, _) = components(facing_W), components(v_W)
+    speed = (v_x * v_x + v_y * v_y) ** 0.5
+    gain = choose(speed > _TURNING_SPEED_MPS, -math.expm1(-dt / p.turning_time_s), 0.0)
+    per_speed = 1.0 / at_least(speed, _TURNING_SPEED_MPS)
+    turned_x = x + gain * (v_x * per_speed - 0.01 * y - x)  # the little to the left: for who moves straight back
+    turned_y = y + gain * (v_y * per_speed + 0.01 * x - y)
+    length = (turned_x * turned_x + turned_y * turned_y) ** 0.5
+    return vector(turned_x / length, turned_y / length, 0.0 * length)
 
 
 def head(p_H_W: Array, facing_W: Array, p: Human) -> Array:
     """Where the head is, (..., 3) m in the world: behind the hand, to its left by `head_beside_hand_m`, at its height."""
-    ground = p_H_W * _XY - p.head_behind_hand_m * facing_W + p.head_beside_hand_m * left(facing_W)
-    return ground + p.head_height_m * Z
+    (x, y, _), (ahead_x, ahead_y, _) = components(p_H_W), components(facing_W)
+    behind, beside = p.head_behind_hand_m, p.head_beside_hand_m
+    height = p.head_height_m + 0.0 * x
+    return vector(x - behind * ahead_x - beside * ahead_y, y - behind * ahead_y + beside * ahead_x, height)

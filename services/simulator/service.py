@@ -12,10 +12,10 @@ from schemas.simulation import Truth
 from schemas.topics import MOCAP_FRAME, SAFETY_STATE, TRUTH
 from schemas.tracking import MocapFrame, RigidBody
 from services.config import Config
-from services.physics import GRAVITY_MPS2, Array, Z
+from services.physics import GRAVITY_MPS2, Array, Z, conjugate, rotate
 from services.runtime.node import Node
 from services.runtime.readers import Latest
-from services.simulator import autopilot, imu, quadrotor, world
+from services.simulator import autopilot, imu, world
 from services.simulator.autopilot import STEP_S, Autopilot, AutopilotState, Link, Sensors
 from services.simulator.mavlink import MavlinkLink
 from services.simulator.world import Told, WorldParams, WorldState
@@ -129,7 +129,7 @@ class Stage:
         felt_W = (robot.v_W - self._v_before) / STEP_S + GRAVITY_MPS2 * Z
         normal = self._noise.standard_normal((2, 3))
         return Sensors(
-            imu.accelerometer(felt_W @ quadrotor.rotation(robot.q_WB_wxyz), normal[0], STEP_S, p),
+            imu.accelerometer(rotate(conjugate(robot.q_WB_wxyz), felt_W), normal[0], STEP_S, p),
             imu.gyroscope(robot.omega_B, normal[1], STEP_S, p),
             robot.q_WB_wxyz,
         )

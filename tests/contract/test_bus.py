@@ -76,6 +76,23 @@ def test_nothing_is_delivered_within_the_put_and_nobody_needs_to_listen(ends: En
     asyncio.run(main())
 
 
+def test_a_mailbox_keeps_what_arrives_until_it_is_asked(ends: Ends):
+    async def main():
+        seen = list[tuple[str, bytes]]()
+        async with ends() as (sender, receiver):
+            take = receiver.mailbox(KEY)
+            await arrival(lambda: seen.extend(take()) or seen, lambda: sender.put(KEY, b"0", Stance.STATE))
+            seen.clear()
+            for n in range(1, 50):
+                sender.put(KEY, b"%d" % n, Stance.STATE)
+            await arrival(lambda: seen.extend(take()) or (KEY, b"49") in seen, lambda: None)
+        numbers = [int(payload) for key, payload in seen if key == KEY]
+        assert numbers == sorted(numbers)
+        assert set(range(1, 50)) <= set(numbers)
+
+    asyncio.run(main())
+
+
 def test_samples_of_one_key_keep_their_order(ends: Ends):
     async def main():
         seen = list[int]()

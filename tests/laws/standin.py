@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from benchmarks.flight import load
-from services.physics import GRAVITY_MPS2, Array
+from services.physics import GRAVITY_MPS2, Array, rotation_matrix
 from services.simulator import autopilot, quadrotor
 from services.simulator.autopilot import STEP_S, Answer, Autopilot, Input, Output, Pose, Sensors, Target
 from services.simulator.cascade import Setpoint
@@ -75,7 +75,7 @@ class Standin:
             0.0,
             GRAVITY_MPS2,
         ]  # the mean over the step: the touch-down too
-        felt_B = felt_W @ quadrotor.rotation(self.robot.q_WB_wxyz)
+        felt_B = felt_W @ rotation_matrix(self.robot.q_WB_wxyz)
         self.sensors = Sensors(felt_B, self.robot.omega_B, self.robot.q_WB_wxyz)
         self.texts += output.texts
         self._ticks += 1

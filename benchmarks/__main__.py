@@ -1,0 +1,40 @@
+"""`make bench`: every measurement of the project, one after the other, with the machine it was made on."""
+
+import os
+import platform
+import subprocess
+import sys
+from pathlib import Path
+
+from benchmarks import flight_demo, hop, kilohertz, timers
+
+
+def machine() -> str:
+    """Name, processor, cores and load."""
+    model = next(
+        (
+            line.split(":", 1)[1].strip()
+            for line in Path("/proc/cpuinfo").read_text().splitlines()
+            if line.startswith("model name")
+        ),
+        platform.processor(),
+    )
+    load = " ".join(f"{x:.1f}" for x in os.getloadavg())
+    return f"{platform.node()}: {model}, {os.cpu_count()} cores, Python {platform.python_version()}, load {load}"
+
+
+def main() -> None:
+    """Print every table."""
+    for title, measure in (
+        ("The demo", lambda: flight_demo.run(1)),
+        ("One hop at 1 kHz, pydantic at both ends, beside bare Zenoh bytes", lambda: hop.show(hop.run(), hop.COLUMNS)),
+        ("A 1 kHz loop beside a bare timerfd", lambda: hop.show(timers.run(), timers.COLUMNS)),
+        ("Observer and filter at the paper's IMU rate", lambda: hop.show(kilohertz.run(), kilohertz.COLUMNS)),
+        ("MAVLink, both ends", lambda: subprocess.run([sys.executable, "-m", "benchmarks.mavlink"], check=True)),
+    ):
+        print(f"\n## {title}\n{machine()}\n", flush=True)
+        measure()
+
+
+if __name__ == "__main__":
+    main()

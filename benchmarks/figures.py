@@ -1,0 +1,29 @@
+"""`make figures`: every picture in docs/figures, made anew: one demo flight, and the stability map.
+
+The demo's own figures come from its session folder, at a resolution fit for a page.
+"""
+
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from benchmarks.flight_demo import fly
+
+DOCS = Path(__file__).parent.parent / "docs" / "figures"
+
+
+def main() -> None:
+    """Write the pictures."""
+    DOCS.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as folder:
+        summary = fly(Path(folder), seed=1)
+        for name in ("path.png", "time.png"):
+            shutil.copy(summary["folder"] / name, DOCS / name)
+    subprocess.run([sys.executable, "-m", "benchmarks.stability_map", "--out", str(DOCS)], check=True)
+    print("\n".join(str(file.relative_to(DOCS.parent.parent)) for file in sorted(DOCS.glob("*.png"))))
+
+
+if __name__ == "__main__":
+    main()

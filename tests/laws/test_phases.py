@@ -1,0 +1,337 @@
+"""The experiment as a state machine: each transition by its own cause, and what no sequence of inputs can bring about."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from schemas.estimation import Tare
+from schemas.safety import Action, Level, Permit, Phase
+from services.safety_supervisor import phases
+from services.safety_supervisor.phases import Decision, PhaseState, Plan, Seen, Times
+
+P = Times(
+    settle_s=1.0,
+    settle_m=0.1,
+    settle_mps=0.15,
+    held_s=0.5,
+    released_s=0.7,
+    regrasp_s=3.0,
+    arrived_s=0.6,
+    arrived_m=0.1,
+    step_back_s=0.8,
+    takeoff_limit_s=5.0,
+    ready_limit_s=4.0,
+    fast_mps=0.6,
+    slow_mps=0.4,
+)
+DT = 0.1
+ROUTE = Plan(np.array([0.0, 0.0, 2.0]), (np.array([3.0, 0, 2]), np.array([3.0, 0, 1]), np.array([3.0, 1, 1])))
+FAR = np.array([9.0, 9.0, 0.0])
+FLYING = tuple(p for p in Phase if p not in (Phase.IDLE, Phase.LANDED))
+OBEYING = tuple(p for p in FLYING if p is not Phase.LANDING)  # from there only the ground is left
+BEFORE_HOLD = tuple(p for p in OBEYING if p is not Phase.HOLD)
+CALM = Seen(None, Level.OK, FAR, np.zeros(3), armed=True, tare=Tare.NONE, held=False, end_distance_m=9.0)
+
+
+def tick(state: PhaseState, **seen: object) -> tuple[PhaseState, Decision]:
+    return phases.step(state, CALM._replace(**seen), DT, ROUTE, P)
+
+
+def after(state: PhaseState, seconds: float, **seen: object) -> PhaseState:
+    for _ in range(round(seconds / DT)):
+        state, _ = tick(state, **seen)
+    return state
+
+
+def leaves_after(phase: Phase, limit_s: float, **seen: object) -> tuple[float, PhaseState]:
+    """How long `phase` lasts under the same input, and what follows."""
+    state = PhaseState(phase)
+    for n in range(round(limit_s / DT) + 1):
+        state, _ = tick(state, **seen)
+        if state.phase is not phase:
+            return (n + 1) * DT, state
+    raise AssertionError(f"{phase} lasts longer than {limit_s} s")
+
+
+AT_START = {"p_R": ROUTE.start}
+AT_END = {"held": True, "end_distance_m": 0.05}
+
+
+@pytest.mark.parametrize(
+    ("phase", "seen", "to", "seconds"),
+    [
+        (Phase.IDLE, {"action": Action.START}, Phase.TAKEOFF, 0.0),
+        (Phase.TAKEOFF, AT_START, Phase.ZEROING, P.settle_s),
+        (Phase.TAKEOFF, {}, Phase.LANDING, P.takeoff_limit_s),
+        (Phase.ZEROING, {"tare": Tare.PASSED}, Phase.READY, 0.5),
+        (Phase.ZEROING, {"tare": Tare.FAILED}, Phase.CLEARING, 0.0),
+        (Phase.ZEROING, {"tare": Tare.RUNNING}, Phase.CLEARING, P.takeoff_limit_s),
+        (Phase.READY, {"held": True}, Phase.GUIDING, P.held_s),
+        (Phase.READY, {}, Phase.CLEARING, P.ready_limit_s),
+        (Phase.GUIDING, AT_END, Phase.ARRIVED, P.arrived_s),
+        (Phase.GUIDING, {}, Phase.CLEARING, P.regrasp_s),
+        (Phase.ARRIVED, {}, Phase.CLEARING, P.released_s),
+        (Phase.CLEARING, {"armed": False}, Phase.LANDING, 0.0),
+        (Phase.LANDING, {"armed": False}, Phase.LANDED, 0.0),
+    ],
+)
+def test_each_phase_ends_by_its_own_cause_and_after_its_own_time(
+    phase: Phase, seen: dict[str, object], to: Phase, seconds: float
+) -> None:
+    took, state = leaves_after(phase, seconds + 3 * DT, **seen)
+    assert state.phase is to
+    assert seconds - 1e-9 <= took <= seconds + 2.5 * DT  # a limit is passed, not met, and time begins with the next tick
+
+
+@pytest.mark.parametrize(
+    ("phase", "seen"),
+    [
+        (Phase.IDLE, {}),
+        (Phase.IDLE, {"action": Action.RESUME}),
+        (Phase.IDLE, {"action": Action.START, "level": Level.EASE}),
+        (Phase.READY, {"held": True, "level": Level.EASE}),
+        (Phase.GUIDING, {"held": True}),
+        (Phase.GUIDING, {"held": True, "end_distance_m": P.arrived_m + 0.01}),
+        (Phase.ARRIVED, AT_END),
+        (Phase.LANDING, {"action": Action.RESUME}),
+        (Phase.LANDED, {"action": Action.START, "armed": False}),
+        (Phase.HOLD, {}),
+    ],
+)
+def test_nothing_ends_without_its_cause(phase: Phase, seen: dict[str, object]) -> None:
+    assert after(PhaseState(phase), 3.5, **seen).phase is phase
+
+
+@pytest.mark.parametrize("spoiled", [{"p_R": FAR}, {"v_R": np.array([0.2, 0.0, 0.0])}])
+def test_settling_is_near_and_slow_without_a_break(spoiled: dict[str, object]) -> None:
+    nearly = after(PhaseState(Phase.TAKEOFF), 0.9, **AT_START)
+    broken = after(nearly, DT, **AT_START | spoiled)
+    assert after(broken, 0.9, **AT_START).phase is Phase.TAKEOFF
+    assert after(broken, 1.1, **AT_START).phase is Phase.ZEROING
+
+
+def test_a_hand_that_lets_go_before_the_time_begins_anew() -> None:
+    taken = after(PhaseState(Phase.READY), 0.4, held=True)
+    assert after(after(taken, DT, held=False), 0.4, held=True).phase is Phase.READY
+    assert after(taken, 0.2, held=True).phase is Phase.GUIDING
+
+
+def test_taking_the_handle_again_in_time_goes_on() -> None:
+    state = PhaseState(Phase.GUIDING)
+    for _ in range(4):
+        state = after(after(state, P.regrasp_s - 0.2, held=False), DT, held=True)
+    assert state.phase is Phase.GUIDING
+
+
+def test_an_old_result_of_zeroing_does_not_count() -> None:
+    """The estimator needs a moment to begin; until then it still says what came of the last time."""
+    assert after(PhaseState(Phase.ZEROING), 0.4, tare=Tare.PASSED).phase is Phase.ZEROING
+
+
+def test_zeroing_is_asked_for_only_while_zeroing() -> None:
+    asked = {phase for phase in Phase if tick(PhaseState(phase), tare=Tare.RUNNING)[1].tare}
+    assert asked == {Phase.ZEROING}
+
+
+def test_clearing_waits_for_the_person_then_flies_leg_by_leg() -> None:
+    state = PhaseState(Phase.CLEARING)
+    stood = state
+    for _ in range(round(P.step_back_s / DT)):
+        stood, decision = tick(stood)
+        assert decision.permit is Permit.EASE
+    state = after(state, P.step_back_s + 0.3)
+    for n, goal in enumerate(ROUTE.clearing):
+        away = after(state, 5.0)
+        state, decision = tick(away)
+        assert (state.phase, state.leg, decision.permit) == (Phase.CLEARING, n + 1, Permit.POSITION)
+        assert np.array_equal(decision.goal, goal)
+        assert decision.speed_mps == P.slow_mps
+        state, _ = tick(state, p_R=goal + [0.0, 0.0, 1.9 * P.settle_m])
+    assert state.phase is Phase.LANDING
+
+
+def test_the_permits_of_a_calm_flight() -> None:
+    expected = {
+        Phase.IDLE: Permit.NONE,
+        Phase.TAKEOFF: Permit.POSITION,
+        Phase.ZEROING: Permit.POSITION,
+        Phase.READY: Permit.WAIT,
+        Phase.GUIDING: Permit.GUIDE,
+        Phase.ARRIVED: Permit.GUIDE,
+        Phase.CLEARING: Permit.EASE,
+        Phase.LANDING: Permit.LAND,
+        Phase.LANDED: Permit.NONE,
+        Phase.HOLD: Permit.EASE,
+    }
+    assert {phase: tick(PhaseState(phase), held=True)[1].permit for phase in Phase} == expected
+
+
+@pytest.mark.parametrize("phase", OBEYING)
+@pytest.mark.parametrize(
+    "by", [{"level": Level.DESCEND}, {"level": Level.DESCEND, "action": Action.RESUME}], ids=["told", "resumed"]
+)
+def test_descend_lands_at_once(phase: Phase, by: dict[str, object]) -> None:
+    state, decision = tick(PhaseState(phase), **by)
+    assert (state.phase, decision.permit) == (Phase.LANDING, Permit.LAND)
+
+
+@pytest.mark.parametrize("phase", BEFORE_HOLD)
+@pytest.mark.parametrize("by", [{"level": Level.HOLD}, {"action": Action.HOLD}], ids=["rule", "person"])
+def test_hold_stops_everything_and_goes_back_to_where_it_was(phase: Phase, by: dict[str, object]) -> None:
+    held, decision = tick(PhaseState(phase), **by)
+    assert (held.phase, decision.permit) == (Phase.HOLD, Permit.EASE)
+    waited = after(held, 2.0)
+    assert waited.phase is Phase.HOLD
+    blocked = after(waited, DT, action=Action.RESUME, level=Level.EASE)
+    assert blocked.phase is Phase.HOLD
+    assert after(waited, DT, action=Action.RESUME).phase is phase
+
+
+@pytest.mark.parametrize("phase", [p for p in BEFORE_HOLD if p is not Phase.CLEARING] + [Phase.HOLD])
+@pytest.mark.parametrize("by", [{"level": Level.LAND}, {"action": Action.LAND}], ids=["rule", "person"])
+def test_land_means_clear_first(phase: Phase, by: dict[str, object]) -> None:
+    assert tick(PhaseState(phase), **by)[0].phase is Phase.CLEARING
+
+
+def test_clearing_that_was_asked_for_goes_on_to_the_ground() -> None:
+    """The wish to land stays: it must neither begin the clearing again and again nor stop it."""
+    state, _ = tick(PhaseState(Phase.GUIDING), action=Action.LAND)
+    state = after(state, P.step_back_s + 0.3, action=Action.HOLD)
+    for goal in ROUTE.clearing:
+        state, _ = tick(state, p_R=goal)
+    assert state.phase is Phase.LANDING
+
+
+@pytest.mark.parametrize("phase", [Phase.TAKEOFF, Phase.HOLD])
+def test_asked_to_land_on_the_ground_it_stays_there(phase: Phase) -> None:
+    """A vehicle that never armed, or disarmed by itself, has no route to fly."""
+    state, _ = tick(PhaseState(phase), action=Action.LAND, armed=False)
+    assert after(state, 3 * DT, armed=False).phase is Phase.LANDED
+
+
+def test_resume_cannot_take_back_a_landing() -> None:
+    state, _ = tick(PhaseState(Phase.READY), action=Action.LAND)
+    state, _ = tick(state, action=Action.RESUME)
+    assert state.operator_level is Level.LAND
+
+
+def test_ease_is_taken_back_by_resume_in_the_same_phase() -> None:
+    eased, decision = tick(PhaseState(Phase.GUIDING), held=True, action=Action.EASE)
+    assert (eased.phase, decision.permit) == (Phase.GUIDING, Permit.EASE)
+    later = after(eased, 5.0, held=True)
+    assert tick(later, held=True)[1].permit is Permit.EASE
+    assert tick(later, held=True, action=Action.RESUME)[1].permit is Permit.GUIDE
+
+
+@pytest.mark.parametrize("level", list(Level))
+@pytest.mark.parametrize("phase", [Phase.READY, Phase.GUIDING, Phase.ARRIVED])
+def test_no_pull_from_ease_on(phase: Phase, level: Level) -> None:
+    permit = tick(PhaseState(phase), held=True, level=level)[1].permit
+    assert (permit in (Permit.WAIT, Permit.GUIDE)) == (level < Level.EASE)
+
+
+# What no sequence of inputs can do: mostly quiet, so that every phase is reached, with anything at any time.
+ACTIONS = st.sampled_from([None, None, None, None, *Action])
+LEVELS = st.sampled_from([Level.OK] * 8 + list(Level))
+PLACES = st.sampled_from([ROUTE.start, *ROUTE.clearing, FAR])
+SIGHTS = st.builds(
+    Seen,
+    action=ACTIONS,
+    level=LEVELS,
+    p_R=PLACES,
+    v_R=st.just(np.zeros(3)),
+    armed=st.sampled_from([True, True, True, False]),
+    tare=st.sampled_from(list(Tare)),
+    held=st.booleans(),
+    end_distance_m=st.sampled_from([0.0, 9.0]),
+)
+HISTORIES = st.lists(st.tuples(SIGHTS, st.integers(1, 12)), min_size=5, max_size=25)
+FIRST = st.sampled_from(list(Phase))
+
+
+def play(first: Phase, history: list[tuple[Seen, int]]) -> list[tuple[Seen, PhaseState, Decision]]:
+    """Each sight for some ticks (its command once), from any phase."""
+    state, told = PhaseState(first, back_to=Phase.GUIDING), []
+    for sight, ticks in history:
+        for n in range(ticks):
+            seen = sight if n == 0 else sight._replace(action=None)
+            state, decision = phases.step(state, seen, DT, ROUTE, P)
+            told.append((seen, state, decision))
+    return told
+
+
+@given(FIRST, HISTORIES)
+def test_guide_only_while_guiding_and_below_ease(first: Phase, history: list[tuple[Seen, int]]) -> None:
+    for seen, state, decision in play(first, history):
+        if decision.permit is Permit.GUIDE:
+            assert state.phase in (Phase.GUIDING, Phase.ARRIVED)
+            assert max(seen.level, state.operator_level) < Level.EASE
+        if decision.permit is Permit.NONE:
+            assert state.phase in (Phase.IDLE, Phase.LANDED)
+
+
+@given(FIRST, HISTORIES)
+def test_the_ground_is_reached_only_disarmed_and_never_left_uncalled(
+    first: Phase, history: list[tuple[Seen, int]]
+) -> None:
+    told = play(first, history)
+    for (_, before, _), (seen, state, _) in pairwise(told):
+        if state.phase is Phase.LANDED is not before.phase:
+            assert not seen.armed
+        if state.phase is Phase.IDLE:
+            assert before.phase is Phase.IDLE
+        if before.phase is Phase.LANDED:
+            assert state.phase is Phase.LANDED
+        if before.phase is Phase.IDLE is not state.phase:
+            assert (state.phase, seen.action) == (Phase.TAKEOFF, Action.START)
+            assert seen.level < Level.EASE
+
+
+@given(FIRST, HISTORIES)
+def test_a_command_only_raises_the_level_until_resume(first: Phase, history: list[tuple[Seen, int]]) -> None:
+    asked = {Action.EASE: Level.EASE, Action.HOLD: Level.HOLD, Action.LAND: Level.LAND}
+    for (_, before, _), (seen, state, _) in pairwise(play(first, history)):
+        if before.phase is Phase.IDLE:
+            continue  # starting begins anew
+        if seen.action in asked:
+            assert state.operator_level == max(before.operator_level, asked[seen.action])
+        elif seen.action is Action.RESUME and before.operator_level < Level.LAND:
+            assert state.operator_level is Level.OK
+        else:
+            assert state.operator_level is before.operator_level
+
+
+@given(FIRST, HISTORIES)
+def test_hold_is_left_only_by_a_person_or_downwards(first: Phase, history: list[tuple[Seen, int]]) -> None:
+    origin = Phase.GUIDING  # what the first state says
+    for (_, before, _), (seen, state, _) in pairwise(play(first, history)):
+        if state.phase is Phase.HOLD is not before.phase:
+            origin = before.phase
+        if before.phase is Phase.HOLD is not state.phase:
+            level = max(seen.level, state.operator_level)
+            if level >= Level.LAND:
+                assert state.phase in (Phase.CLEARING, Phase.LANDING)
+            else:
+                assert (state.phase, seen.action) == (origin, Action.RESUME)
+                assert level < Level.EASE
+
+
+@given(FIRST, HISTORIES)
+def test_a_flight_never_goes_back(first: Phase, history: list[tuple[Seen, int]]) -> None:
+    """But for HOLD, the phases come in the order of the experiment."""
+    order = [p for p in Phase if p is not Phase.HOLD]
+    flown = [state.phase for _, state, _ in play(first, history) if state.phase is not Phase.HOLD]
+    begun = flown[next((n for n, p in enumerate(flown) if p is not Phase.IDLE), 0) :]
+    if first is not Phase.HOLD:
+        assert all(order.index(a) <= order.index(b) for a, b in pairwise(begun))
+
+
+@given(FIRST, HISTORIES)
+def test_every_tick_says_where_to_and_how_fast(first: Phase, history: list[tuple[Seen, int]]) -> None:
+    for _, state, decision in play(first, history):
+        assert np.all(np.isfinite(decision.goal))
+        assert 0.0 < decision.speed_mps <= P.fast_mps
+        assert decision.tare == (state.phase is Phase.ZEROING)
