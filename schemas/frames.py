@@ -15,12 +15,15 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-_SQRT_HALF = np.sqrt(0.5)
+_SWAP, _DOWN = np.array([1, 0, 2]), np.array([1.0, 1.0, -1.0])
+_RIGHT_DOWN = np.array([1.0, -1.0, -1.0])
+# (0, √½, √½, 0) ⊗ q ⊗ (0, 1, 0, 0) as a matrix; q and -q are the same attitude
+_HALF_TURNS = np.sqrt(0.5) * np.array([[1, 0, 0, 1], [0, 1, 1, 0], [0, 1, -1, 0], [1, 0, 0, -1]], dtype=np.float64)
 
 
 def ned_from_enu(v: Array) -> Array:
     """(..., 3) world vectors; also enu_from_ned, the map is its own inverse."""
-    return np.stack((v[..., 1], v[..., 0], -v[..., 2]), axis=-1)
+    return v[..., _SWAP] * _DOWN
 
 
 enu_from_ned = ned_from_enu
@@ -28,7 +31,7 @@ enu_from_ned = ned_from_enu
 
 def frd_from_flu(v: Array) -> Array:
     """(..., 3) body vectors; also flu_from_frd, the map is its own inverse."""
-    return v * np.array([1.0, -1.0, -1.0])
+    return v * _RIGHT_DOWN
 
 
 flu_from_frd = frd_from_flu
@@ -36,14 +39,12 @@ flu_from_frd = frd_from_flu
 
 def q_enu_flu_from_ned_frd(q_wxyz: Array) -> Array:
     """q_WB_wxyz (..., 4) from the autopilot's q_NED_FRD: half a turn on either side."""
-    w, x, y, z = (q_wxyz[..., i] for i in range(4))
-    # (0, √½, √½, 0) ⊗ q ⊗ (0, 1, 0, 0), written out; q and -q are the same attitude
-    return _SQRT_HALF * np.stack((w + z, x + y, x - y, w - z), axis=-1)
+    return q_wxyz @ _HALF_TURNS
 
 
 def q_ned_frd_from_enu_flu(q_WB_wxyz: Array) -> Array:
     """The inverse map; the same formula, for both factors are their own inverses up to sign."""
-    return q_enu_flu_from_ned_frd(q_WB_wxyz)
+    return q_WB_wxyz @ _HALF_TURNS
 
 
 def yaw_ned_from_enu(yaw_rad: float) -> float:

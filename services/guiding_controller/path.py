@@ -132,7 +132,7 @@ def project(p_H: Array, path: Path, s_guess: ArrayLike | None = None, window_m: 
         d2 = np.where((grid >= lo[..., None]) & (grid <= hi[..., None]), d2, np.inf)
     s = grid[np.argmin(d2, axis=-1)]
     lo, hi = np.maximum(lo, s - grid[1]), np.minimum(hi, s + grid[1])
-    for _ in range(4):
+    for _ in range(2):  # samples are 8 mm apart on the reference path, and Newton squares the error
         s = np.clip(s + _newton_step(s, q, path), lo, hi)
     return s
 

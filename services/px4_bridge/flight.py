@@ -1,7 +1,7 @@
 """The bridge's law: which set-point follows from permit, guidance and cable force.
 
 Two ways of flying. In POSITION mode the reference walks to the supervisor's goal. In the three others the admittance filter
-moves it: anchored over the start (WAIT), guided (GUIDE), or giving way without any pull (EASE). The change between them is
+moves it: anchored over the start (WAIT; once the handle is held it rises until the cable is taut), guided (GUIDE), or giving way without any pull (EASE). The change between them is
 bumpless: each starts from the last reference sent, and the fed-forward cable force is ramped (G9). Without a fresh cable
 force the filter cannot fly: then the reference stops where it is, a little nearer to the hand.
 
@@ -168,6 +168,8 @@ def _filter(state: State, x: Input, p: Params) -> State:
 
 def _command(state: State, x: Input, p: Params) -> tuple[Command, Array]:
     """What the filter is asked for, and where height would be held if the handle were let go now."""
+    if x.permit is Permit.WAIT and x.held and x.guidance is not None:  # taken: rise until the cable is taut
+        return admittance.guide(x.goal, x.guidance.f_d * Z, 1.0, p.admittance), state.filter.p
     if x.permit is Permit.WAIT:
         return admittance.wait(x.goal, p.flight.handle_weight_N, p.admittance), state.filter.p
     if state.kind is SetpointKind.EASE:

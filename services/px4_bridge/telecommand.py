@@ -20,10 +20,10 @@ AUTOPILOT = 1
 SET_MODE, TERMINATE, ARM, SET_INTERVAL = 176, 185, 400, 511
 MODE_NUMBERS = {FlightMode.OFFBOARD: (6, 0), FlightMode.HOLD: (4, 3), FlightMode.LAND: (4, 6)}
 RESULTS = {1: "temporarily rejected", 2: "denied", 3: "unsupported", 4: "failed", 6: "cancelled"}
-RATES_Hz = {  # message: number and rate; PX4 gives no more than this
+RATES_Hz = {  # message: number and rate, of which the ones that are listened to are asked for
     "HEARTBEAT": (0, 10.0),
     "ATTITUDE_QUATERNION": (31, 250.0),
-    "LOCAL_POSITION_NED": (32, 125.0),
+    "LOCAL_POSITION_NED": (32, 50.0),
     "ATTITUDE_TARGET": (83, 125.0),
     "HIGHRES_IMU": (105, 250.0),
     "BATTERY_STATUS": (147, 1.0),

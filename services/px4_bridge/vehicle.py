@@ -9,7 +9,6 @@ it is acknowledged.
 """
 
 import asyncio
-import json
 import logging
 import socket
 from collections import deque
@@ -23,6 +22,7 @@ from mavsdk import ComponentType, Configuration, ConnectionResult, LogLevel, Mav
 from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkDirectResult, MavlinkMessage
 from mavsdk.plugins.param import Param, ParamError, ParamResult
 from numpy.typing import NDArray
+from pydantic_core import from_json, to_json
 
 from schemas.vehicle import FlightMode
 from services.px4_bridge import telecommand, telemetry
@@ -199,7 +199,7 @@ class MavsdkVehicle(Vehicle):
             self._loop.call_soon_threadsafe(self._take_inbox)
 
     def _on_answer(self, result: MavlinkDirectResult, answer: MavlinkMessage, done: asyncio.Future[int]) -> None:
-        code = json.loads(answer.fields_json)["result"] if result is MavlinkDirectResult.SUCCESS else -1
+        code = from_json(answer.fields_json)["result"] if result is MavlinkDirectResult.SUCCESS else -1
         self._loop.call_soon_threadsafe(_settle, done, code)
 
     # In the event loop.
@@ -209,7 +209,7 @@ class MavsdkVehicle(Vehicle):
         heartbeats, was_connected = self._telemetry.heartbeats, self.sample.connected
         while self._inbox:
             name, text, arrival_ns = self._inbox.popleft()
-            self._telemetry.take(name, json.loads(text), arrival_ns)
+            self._telemetry.take(name, from_json(text, cache_strings="keys"), arrival_ns)
         if self._telemetry.has_imu:
             self._imu_arrived.set()
         if self._telemetry.heartbeats > heartbeats:
@@ -219,7 +219,7 @@ class MavsdkVehicle(Vehicle):
 
 
 def _message(name: str, fields: Fields) -> MavlinkMessage:
-    return MavlinkMessage(message_name=name, fields_json=json.dumps(fields))
+    return MavlinkMessage(message_name=name, fields_json=to_json(fields).decode())
 
 
 def _settle(done: asyncio.Future[Any], result: Any) -> None:

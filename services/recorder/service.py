@@ -1,7 +1,7 @@
 """Recorder: keeps every logged topic as it was said.
 
 listens   every topic that the table marks logged, as bytes
-ticks     50 Hz, to write what has arrived since (so an arrival is known to 20 ms); a flush after each
+ticks     25 Hz, to write what has arrived since (so an arrival is known to 40 ms); a flush after each
           `flush_period_s` bounds what a kill can lose
 says      in its heartbeat, how much it holds and what it missed
 """
@@ -20,7 +20,7 @@ from services.recorder.writer import Recorder, SessionWriter
 from services.runtime.bus import Bus, Mailbox
 from services.runtime.node import Node
 
-RATE_HZ = 50.0
+RATE_HZ = 25.0
 LINGER_S = 0.1
 LOGGED = tuple(topic for topic in TOPICS if topic.logged)
 

@@ -21,7 +21,7 @@ MAVLINK_DELAY_S = 0.003
 ON_THE_BUS_ONLY = ("tracker", "force_estimator", "guiding_controller", "safety_supervisor")
 
 
-@dataclass
+@dataclass(repr=False)  # a loop that ends prints its result when a signal handler is reset
 class Flight:
     """What was said on the bus, by topic, and the vehicle that flew."""
 
@@ -47,7 +47,7 @@ class Flight:
         return [m for m in self.said[key] if spans[0][0] <= m.stamp_ns <= spans[-1][1]]
 
 
-@dataclass
+@dataclass(repr=False)
 class Stage:
     """A running system that a test can disturb."""
 
