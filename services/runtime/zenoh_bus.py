@@ -5,6 +5,7 @@
 
 import asyncio
 import json
+import os
 import time
 from collections import deque
 from collections.abc import Callable, Generator
@@ -24,6 +25,9 @@ QUEUE = 16
 """Batches that wait for a busy link before DROP drops; Zenoh's own 2 lost samples on a loaded machine."""
 
 RETRY_ms = 100
+RUNTIME = "(rx: (worker_threads: 1), tx: (handover: rx), net: (handover: rx), acc: (handover: rx), app: (handover: rx))"
+"""One thread of Zenoh's own for each session instead of six: on two cores their hand-overs cost more than their work."""
+
 # Nothing blocks: a blocked put on a dead link stalls local delivery too. `express` skips the batching wait of 1 ms.
 _QOS: dict[Stance, tuple[Priority, bool]] = {
     Stance.STREAM: (Priority.REAL_TIME, True),
@@ -137,6 +141,7 @@ def open_bus(config: BusConfig, name: str) -> Generator[ZenohBus]:
         AlreadyRunning: a living process holds the service's name.
         ValueError: a socket's path is too long.
     """
+    os.environ.setdefault("ZENOH_RUNTIME", RUNTIME)
     is_service = name in config.services
     with (
         claim(config, name) if is_service else nullcontext(),
