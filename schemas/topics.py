@@ -22,10 +22,10 @@ M_co = TypeVar("M_co", bound=Message, covariant=True)
 class Stance(Enum):
     """How a topic is carried. Nothing ever blocks its publisher: a blocked put on a dead link stalls local delivery."""
 
-    STREAM = "newest wins, sent at once, ahead of everything: samples and set-points"
-    STATE = "sent at once, reliable on a living link: verdicts and states"
+    STREAM = "ahead of everything: samples and set-points"
+    STATE = "next: verdicts and states"
     COMMAND = "as STATE; its sender repeats it until it is acknowledged"
-    BULK = "batched, after everything else: telemetry, truth, health"
+    BULK = "after everything else: truth, health"
 
 
 @dataclass(frozen=True)

@@ -182,7 +182,6 @@ def test_zenoh_carries_the_message_type_and_the_stance(config: BusConfig):
     assert str(sample.encoding) == "application/json;HandleState"
     assert sample.priority == zenoh.Priority.REAL_TIME
     assert sample.congestion_control == zenoh.CongestionControl.DROP
-    assert sample.express
 
 
 def test_zenoh_a_stuck_loop_keeps_the_newest_and_counts_the_rest(config: BusConfig):
