@@ -13,7 +13,7 @@ import json
 import sys
 import tempfile
 import time
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Callable, Coroutine, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -154,7 +154,7 @@ async def act(role: str, case: str, run_dir: str, seconds: float) -> None:
 async def _measure(count: Sequence[int], seconds: float) -> dict[str, float]:
     before = time.monotonic(), time.process_time(), count[0]
     await asyncio.sleep(seconds)
-    wall, cpu, seen = (new - old for new, old in zip((time.monotonic(), time.process_time(), count[0]), before))
+    wall, cpu, seen = (new - old for new, old in zip((time.monotonic(), time.process_time(), count[0]), before, strict=True))
     return {"cpu": cpu / wall, "count": seen / wall}
 
 
@@ -171,7 +171,7 @@ async def _write(bus: ZenohBus, traffic: Traffic, count: list[int]) -> None:
                 count[0] += 1
 
 
-async def _read_latest(bus: ZenohBus, count: list[int], _: str) -> None:
+async def _read_latest(bus: ZenohBus, count: list[int], run_dir: str) -> None:
     node = Node("safety_supervisor", bus, MonotonicClock())
     readers = [node.latest(topic) for topic, _, _ in _FLIGHT]
     async for _ in node.ticks(_READER_RATE_Hz):
@@ -181,13 +181,13 @@ async def _read_latest(bus: ZenohBus, count: list[int], _: str) -> None:
         count[0] = sum(node.received.values())
 
 
-async def _read_stream(bus: ZenohBus, count: list[int], _: str) -> None:
+async def _read_stream(bus: ZenohBus, count: list[int], run_dir: str) -> None:
     node = Node("force_estimator", bus, MonotonicClock())
     async for _ in node.stream(VEHICLE_IMU):
         count[0] += 1
 
 
-async def _idle(bus: ZenohBus, count: list[int], _: str) -> None:
+async def _idle(bus: ZenohBus, count: list[int], run_dir: str) -> None:
     async for _ in Node("safety_supervisor", bus, MonotonicClock()).ticks(_READER_RATE_Hz):
         pass
 
@@ -198,7 +198,7 @@ async def _record(bus: ZenohBus, count: list[int], run_dir: str) -> None:
     await record(node, bus, file=file, params=params, metadata={}, attachments={})
 
 
-_READERS: dict[str, Callable[[ZenohBus, list[int], str], Awaitable[None]]] = {
+_READERS: dict[str, Callable[[ZenohBus, list[int], str], Coroutine[Any, Any, None]]] = {
     "idle": _idle,
     "latest": _read_latest,
     "stream": _read_stream,

@@ -5,10 +5,11 @@ axes: vectors are (..., 3), quaternions (..., 4).
 
 What runs up to 1000 times a second for one vehicle is written in components: `components` takes an array apart, `vector`
 puts it together. Of one vehicle the components are plain floats, on which Python is fifteen times as quick as numpy is on
-three numbers; of a crowd they are arrays. The formulae are the same, and the few things that floats and arrays do
-differently are the four small functions below: `choose`, `at_least`, `clamp` and `anywhere`.
+three numbers; of a crowd they are arrays. The formulae are the same, and what floats and arrays do differently is
+in the small functions from `choose` to `cos_sin` below.
 """
 
+import math
 from collections.abc import Sequence
 from typing import Any, TypeAlias
 
@@ -40,20 +41,24 @@ def vector(*components: Scalar) -> Array:
     return together
 
 
+def scalar(x: Scalar) -> Scalar:
+    """A float of an array without axes; what is a float, or has axes, as it is."""
+    return x if type(x) is float or x.ndim else float(x)
+
+
 def choose(flag: Scalar, if_so: Scalar, if_not: Scalar) -> Scalar:
     """`if_so` where the flag holds, else `if_not`."""
     if type(flag) is bool:
         return if_so if flag else if_not
-    chosen: Array = np.where(flag, if_so, if_not)
-    return chosen
+    return np.where(flag, if_so, if_not)  # pyright: ignore[reportUnknownVariableType]
 
 
-def at_least(x: Scalar, least: float) -> Scalar:
+def at_least(x: Scalar, least: Scalar) -> Scalar:
     """`x`, or `least` where that is more; NaN stays."""
     return (least if x < least else x) if type(x) is float else np.maximum(x, least)
 
 
-def clamp(x: Scalar, low: float, high: float) -> Scalar:
+def clamp(x: Scalar, low: Scalar, high: Scalar) -> Scalar:
     """`x` kept between `low` and `high`; NaN stays."""
     return (low if x < low else high if x > high else x) if type(x) is float else np.minimum(np.maximum(x, low), high)
 
@@ -61,6 +66,18 @@ def clamp(x: Scalar, low: float, high: float) -> Scalar:
 def anywhere(flag: Scalar) -> bool:
     """Whether the flag holds for anybody."""
     return flag if type(flag) is bool else bool(np.any(flag))
+
+
+def angle(y: Scalar, x: Scalar) -> Scalar:
+    """Of the direction (x, y) from the x axis, in rad."""
+    return math.atan2(y, x) if type(y) is float else np.arctan2(y, x)
+
+
+def cos_sin(angle_rad: Scalar) -> tuple[Scalar, Scalar]:
+    """Cosine and sine."""
+    if type(angle_rad) is float:
+        return math.cos(angle_rad), math.sin(angle_rad)
+    return np.cos(angle_rad), np.sin(angle_rad)
 
 
 def norm(v: Array) -> Array:
@@ -127,7 +144,7 @@ def integrate_attitude(q_WB_wxyz: Array, omega_B_rad_s: Array, dt: float | Array
     return q / norm(q)[..., None]
 
 
-def yaw_from(q_WB_wxyz: Array) -> Array:
+def yaw_from(q_WB_wxyz: Array) -> Scalar:
     """Heading of the body's x axis from world x, about world z, rad, (...)."""
     w, x, y, z = components(q_WB_wxyz)
-    return np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    return angle(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))

@@ -8,12 +8,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from schemas.safety import Phase
 from schemas.topics import CABLE_FORCE, GUIDANCE
 from services.guiding_controller.path import Path, project
 from services.physics import Array, norm
 from services.recorder.colours import BLACK, GREY, SHADE, XYZ
 from services.recorder.reading import Interval, Session
-from services.recorder.walk import Motion, guided, motion, path_of, valid
+from services.recorder.walk import Motion, guided, motion, path_of, valid, within
 
 DASHES = (0, (4, 2))
 _NARROW = 0.1  # a phase shorter than this part of the session has its name aslant
@@ -69,6 +70,10 @@ def _draw_force(axes: Axes, session: Session, moved: Motion) -> None:
         axes.plot(moved.t_s, moved.f_c, color=BLACK, linewidth=0.4, alpha=0.8)
         axes.plot([], [], color=BLACK, linewidth=0.4, label="true")
         _legend(axes)
+    flown = [span for span in session.phases if span.phase in (Phase.READY, Phase.GUIDING, Phase.ARRIVED)]
+    pull = seen["force_N"][within(seen["t_s"], flown)]
+    if len(pull):  # on the ground the observer sees the floor, which would shrink all else
+        axes.set_ylim(float(np.min(pull)) - 0.5, float(np.max(pull)) + 0.5)
     axes.set_ylabel(r"cable force $f_c$ (N)")
 
 

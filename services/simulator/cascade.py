@@ -19,13 +19,23 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from services.parameters import Fraction, NonNegative, Positive, parameters
-from services.physics import GRAVITY_MPS2, yaw_from
+from services.physics import (
+    GRAVITY_MPS2,
+    Array,
+    Components,
+    Scalar,
+    anywhere,
+    at_least,
+    choose,
+    clamp,
+    components,
+    scalar,
+    vector,
+    yaw_from,
+)
 from services.simulator.attitude import attitude_error, mix
-
-Array = NDArray[np.float64]
 
 POSITION_LOOP_DIVIDER = 2  # position and velocity loop run at every second call
 _FADING_RATE_RAD_S = math.radians(400.0)  # PX4 fades the rate integrator out towards this error
@@ -86,7 +96,7 @@ class Setpoint(NamedTuple):
     p_W: Array
     v_W: Array
     a_W: Array
-    yaw_rad: Array
+    yaw_rad: Scalar
 
 
 class CascadeState(NamedTuple):
@@ -97,8 +107,8 @@ class CascadeState(NamedTuple):
     velocity: Array
     acceleration: Array  # filtered derivative of the estimated velocity
     thrust_direction_W: Array
-    thrust: Array
-    yaw_rad: Array
+    thrust: Scalar
+    yaw_rad: Scalar
     rate: Array  # filtered gyro
     angular_acceleration: Array
     rate_integral: Array
@@ -111,8 +121,7 @@ class _Arrays(NamedTuple):
     vel_p: Array
     vel_i: Array
     vel_d: Array
-    vel_low: Array
-    vel_high: Array
+    integral_max: Array
     att_p: Array
     rate_max: Array
     rate_p: Array
@@ -132,8 +141,7 @@ def _arrays(p: Cascade, dt: float) -> _Arrays:
         vel_p=np.array([p.xy_vel_p_per_s, p.xy_vel_p_per_s, p.z_vel_p_per_s]),
         vel_i=np.array([p.xy_vel_i_per_s2, p.xy_vel_i_per_s2, p.z_vel_i_per_s2]),
         vel_d=np.array([p.xy_vel_d, p.xy_vel_d, p.z_vel_d]),
-        vel_low=np.array([-np.inf, -np.inf, -p.z_vel_max_down_mps]),
-        vel_high=np.array([np.inf, np.inf, p.z_vel_max_up_mps]),
+        integral_max=np.array([np.inf, np.inf, GRAVITY_MPS2]),
         att_p=np.array([p.roll_pitch_p_per_s, p.roll_pitch_p_per_s, yaw_p]),
         rate_max=rate_max,
         rate_p=np.array([p.roll_pitch_rate_p_s, p.roll_pitch_rate_p_s, p.yaw_rate_p_s]),
@@ -153,7 +161,7 @@ def initial(estimate: Estimate, p: Cascade) -> CascadeState:
     """Integrators empty, level, at hover thrust, at the present heading."""
     zero = np.zeros_like(estimate.p_W)
     yaw = yaw_from(estimate.q_WB_wxyz)
-    up, thrust = zero + [0.0, 0.0, 1.0], np.full_like(yaw, p.hover_thrust)
+    up, thrust = zero + [0.0, 0.0, 1.0], p.hover_thrust + 0.0 * yaw
     return CascadeState(0, zero, estimate.v_W, zero, up, thrust, yaw, estimate.omega_B, zero, zero)
 
 
@@ -174,102 +182,112 @@ def step(
     return state._replace(tick=state.tick + 1), mix(state.thrust, torque)
 
 
-def _add(a: Array, b: Array) -> Array:
+def _unset(x: Scalar) -> Scalar:
+    """Whether it is NaN, which is what does not equal itself."""
+    return x != x
+
+
+def _add(a: Scalar, b: Scalar) -> Scalar:
     """a + b where both are set, else whichever is."""
-    return np.where(np.isnan(a), b, a + np.where(np.isnan(b), 0.0, b))
+    return choose(_unset(a), b, choose(_unset(b), a, a + b))
 
 
 def _position_loop(
     state: CascadeState, estimate: Estimate, setpoint: Setpoint, dt: float, p: Cascade, k: _Arrays
 ) -> CascadeState:
-    error = _velocity_setpoint(estimate, setpoint, p, k) - estimate.v_W
+    error = vector(*_velocity_setpoint(estimate, setpoint, p, k)) - estimate.v_W
     slope = (estimate.v_W - state.velocity) / dt
     acceleration = state.acceleration + k.velocity_gain * (slope - state.acceleration)
     feedback = k.vel_p * error + state.velocity_integral - k.vel_d * acceleration
-    a_sp = _add(setpoint.a_W, feedback)
+    a_sp = vector(*map(_add, components(setpoint.a_W), components(feedback)))
     direction, thrust = _saturate(*thrust_vector(a_sp, p), p)
-    yaw = np.where(np.isnan(setpoint.yaw_rad), yaw_from(estimate.q_WB_wxyz), setpoint.yaw_rad)
+    correction = _unwound(components(error), components(a_sp), components(direction), thrust, p)
+    integral = state.velocity_integral + dt * k.vel_i * vector(*correction)
+    yaw = scalar(setpoint.yaw_rad)
     return state._replace(
-        velocity_integral=_integrate(state.velocity_integral, error, a_sp, direction * thrust[..., None], dt, p, k),
+        velocity_integral=np.minimum(np.maximum(integral, -k.integral_max), k.integral_max),
         velocity=estimate.v_W,
         acceleration=acceleration,
         thrust_direction_W=direction,
         thrust=thrust,
-        yaw_rad=yaw,
+        yaw_rad=choose(_unset(yaw), yaw_from(estimate.q_WB_wxyz), yaw),
     )
 
 
-def _velocity_setpoint(estimate: Estimate, setpoint: Setpoint, p: Cascade, k: _Arrays) -> Array:
-    """Position P plus velocity feed-forward, limited; (..., 3), NaN where neither is set but an acceleration is."""
-    correction = k.p * (setpoint.p_W - estimate.p_W)
-    v_sp = _add(setpoint.v_W, correction)
-    v_sp = np.where(np.isnan(v_sp) & np.isnan(setpoint.a_W), 0.0, v_sp)
-    too_fast = v_sp[..., 0] ** 2 + v_sp[..., 1] ** 2 > p.xy_vel_max_mps**2
-    if np.any(too_fast):
-        limited = _limit_xy(np.where(np.isnan(correction), 0.0, correction), v_sp, p.xy_vel_max_mps)
-        v_sp = np.where(too_fast[..., None] & [True, True, False], limited, v_sp)
-    return np.minimum(np.maximum(v_sp, k.vel_low), k.vel_high)
+def _velocity_setpoint(estimate: Estimate, setpoint: Setpoint, p: Cascade, k: _Arrays) -> Components:
+    """Position P plus velocity feed-forward, limited; three, NaN where neither is set but an acceleration is."""
+    correction = components(k.p * (setpoint.p_W - estimate.p_W))
+    v_sp = map(_add, components(setpoint.v_W), correction)
+    x, y, z = (choose(_unset(v) & _unset(a), 0.0, v) for v, a in zip(v_sp, components(setpoint.a_W), strict=True))
+    too_fast = x * x + y * y > p.xy_vel_max_mps**2
+    if anywhere(too_fast):
+        first = [choose(_unset(c), 0.0, c) for c in correction[:2]]
+        limited = _limit_xy(first, (x, y), p.xy_vel_max_mps)
+        x, y = choose(too_fast, limited[0], x), choose(too_fast, limited[1], y)
+    return x, y, clamp(z, -p.z_vel_max_down_mps, p.z_vel_max_up_mps)
 
 
-def _limit_xy(first: Array, total: Array, limit: float) -> Array:
-    """`total` cut to `limit` in the plane so that its part `first` is kept before the rest, (..., 3)."""
-    plane = np.array([1.0, 1.0, 0.0])
-    first, rest = first * plane, (total - first) * plane
-    size = np.sqrt((first * first).sum(-1, keepdims=True))
-    first = first * np.minimum(1.0, limit / np.maximum(size, 1e-9))
-    a = np.maximum((rest * rest).sum(-1, keepdims=True), 1e-12)
-    b = (first * rest).sum(-1, keepdims=True)
-    c = (first * first).sum(-1, keepdims=True) - limit**2
-    return first + rest * np.minimum(1.0, (-b + np.sqrt(np.maximum(b * b - a * c, 0.0))) / a)
+def _limit_xy(first: Components, total: Components, limit: float) -> Components:
+    """`total` cut to `limit` in the plane so that its part `first` is kept before the rest; x and y."""
+    rest_x, rest_y = total[0] - first[0], total[1] - first[1]
+    size = (first[0] * first[0] + first[1] * first[1]) ** 0.5
+    kept = limit / at_least(size, limit)
+    x, y = first[0] * kept, first[1] * kept
+    a = at_least(rest_x * rest_x + rest_y * rest_y, 1e-12)
+    b = x * rest_x + y * rest_y
+    c = x * x + y * y - limit**2
+    share = clamp((at_least(b * b - a * c, 0.0) ** 0.5 - b) / a, -math.inf, 1.0)
+    return x + rest_x * share, y + rest_y * share
 
 
-def thrust_vector(a_sp_W: Array, p: Cascade) -> tuple[Array, Array]:
+def thrust_vector(a_sp_W: Array, p: Cascade) -> tuple[Array, Scalar]:
     """Thrust direction (..., 3) and size (...,) for an acceleration, PX4's `_accelerationControl`.
 
     Decoupled (MPC_ACC_DECOUPLE = 1, PX4's default) the tilt is set as if the vertical specific force were g; coupled, as
     tethered flight wants it (G5b), as if it were what the vertical set-point asks for.
     """
-    a_z = a_sp_W[..., 2]
-    force = a_sp_W * [1.0, 1.0, 0.0 if p.acc_decouple else 1.0] + [0.0, 0.0, GRAVITY_MPS2]
-    direction = force / np.sqrt((force * force).sum(-1, keepdims=True))
-    cos_max = math.cos(math.radians(p.tilt_max_deg))
-    if np.any(direction[..., 2] < cos_max):
-        direction = _limit_tilt(direction, cos_max)
+    a_x, a_y, a_z = components(a_sp_W)
+    up = GRAVITY_MPS2 if p.acc_decouple else GRAVITY_MPS2 + a_z
+    size = at_least((a_x * a_x + a_y * a_y + up * up) ** 0.5, 1e-9)
+    x, y, z = _limit_tilt(a_x / size, a_y / size, up / size, math.cos(math.radians(p.tilt_max_deg)))
     vertical = p.hover_thrust * (1.0 + a_z / GRAVITY_MPS2)
-    return direction, np.maximum(vertical / direction[..., 2], p.thr_min)
+    return vector(x, y, z), at_least(vertical / z, p.thr_min)
 
 
-def _limit_tilt(direction: Array, cos_max: float) -> Array:
-    flat = direction * [1.0, 1.0, 0.0] + [1e-12, 0.0, 0.0]  # straight down leans forward, as in PX4
-    flat = flat / np.sqrt((flat * flat).sum(-1, keepdims=True))
-    leaning = flat * math.sqrt(1.0 - cos_max**2) + [0.0, 0.0, cos_max]
-    return np.where(direction[..., 2:] < cos_max, leaning, direction)
+def _limit_tilt(x: Scalar, y: Scalar, z: Scalar, cos_max: float) -> Components:
+    """Straight down leans forward, as in PX4."""
+    leans = z < cos_max
+    if not anywhere(leans):
+        return x, y, z
+    forward = x + 1e-12
+    flat = (forward * forward + y * y) ** 0.5 / math.sqrt(1.0 - cos_max**2)
+    return choose(leans, forward / flat, x), choose(leans, y / flat, y), choose(leans, cos_max, z)
 
 
-def _saturate(direction: Array, thrust: Array, p: Cascade) -> tuple[Array, Array]:
+def _saturate(direction: Array, thrust: Scalar, p: Cascade) -> tuple[Array, Scalar]:
     """Too much thrust: height first, but a margin is kept for the horizontal part."""
-    if not np.any(thrust > math.sqrt(p.thr_max**2 - p.thr_xy_margin**2)):
+    if not anywhere(thrust > math.sqrt(p.thr_max**2 - p.thr_xy_margin**2)):
         return direction, thrust
-    vector = direction * thrust[..., None]
-    flat = np.sqrt(vector[..., 0] ** 2 + vector[..., 1] ** 2)
-    up = np.minimum(vector[..., 2], np.sqrt(p.thr_max**2 - np.minimum(flat, p.thr_xy_margin) ** 2))
-    sideways = np.minimum(1.0, np.sqrt(np.maximum(p.thr_max**2 - up**2, 0.0)) / np.maximum(flat, 1e-9))
-    vector = np.stack((vector[..., 0] * sideways, vector[..., 1] * sideways, up), axis=-1)
-    size = np.sqrt((vector * vector).sum(-1))
-    return vector / size[..., None], size
+    x, y, z = (thrust * axis for axis in components(direction))
+    flat = (x * x + y * y) ** 0.5
+    margin = clamp(flat, 0.0, p.thr_xy_margin)
+    up = clamp(z, 0.0, (p.thr_max**2 - margin * margin) ** 0.5)
+    room = at_least(p.thr_max**2 - up * up, 0.0) ** 0.5
+    sideways = clamp(room / at_least(flat, 1e-9), 0.0, 1.0)
+    size = ((x * x + y * y) * sideways * sideways + up * up) ** 0.5
+    return vector(x * sideways / size, y * sideways / size, up / size), size
 
 
-def _integrate(integral: Array, error: Array, a_sp: Array, thrust: Array, dt: float, p: Cascade, k: _Arrays) -> Array:
-    """The velocity integrator with PX4's anti-windup: tracking in the plane, clamping in height."""
-    made = thrust * (GRAVITY_MPS2 / p.hover_thrust)
-    missing = (a_sp - made) * [1.0, 1.0, 0.0]
-    short = a_sp[..., 0] ** 2 + a_sp[..., 1] ** 2 > made[..., 0] ** 2 + made[..., 1] ** 2 + 1e-12
-    error = error - np.where(short[..., None], 2.0 / p.xy_vel_p_per_s * missing, 0.0)
-    lowest, highest = thrust[..., 2] <= p.thr_min, thrust[..., 2] >= p.thr_max
-    stuck = (lowest & (error[..., 2] <= 0.0)) | (highest & (error[..., 2] >= 0.0))
-    error = np.where(np.isnan(error) | (stuck[..., None] & [False, False, True]), 0.0, error)
-    bound = np.array([np.inf, np.inf, GRAVITY_MPS2])
-    return np.minimum(np.maximum(integral + dt * k.vel_i * error, -bound), bound)
+def _unwound(error: Components, a_sp: Components, direction: Components, thrust: Scalar, p: Cascade) -> Components:
+    """The velocity error that is integrated, with PX4's anti-windup: tracking in the plane, clamping in height."""
+    per_thrust = GRAVITY_MPS2 / p.hover_thrust
+    made_x, made_y = direction[0] * thrust * per_thrust, direction[1] * thrust * per_thrust
+    short = a_sp[0] * a_sp[0] + a_sp[1] * a_sp[1] > made_x * made_x + made_y * made_y + 1e-12
+    tracking = choose(short, 2.0 / p.xy_vel_p_per_s, 0.0)
+    x, y, z = error[0] - tracking * (a_sp[0] - made_x), error[1] - tracking * (a_sp[1] - made_y), error[2]
+    up = direction[2] * thrust
+    stuck = ((up <= p.thr_min) & (z <= 0.0)) | ((up >= p.thr_max) & (z >= 0.0))
+    return choose(_unset(x), 0.0, x), choose(_unset(y), 0.0, y), choose(_unset(z) | stuck, 0.0, z)
 
 
 def _rate_setpoint(state: CascadeState, estimate: Estimate, p: Cascade, k: _Arrays) -> Array:

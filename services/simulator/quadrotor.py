@@ -38,8 +38,9 @@ from services.physics import (
 )
 
 # Rows: motors 1 to 4; where each one stands (forward, left) in units of arm length, and the sign of its reaction torque.
-FORWARD = np.array([1.0, -1.0, 1.0, -1.0]) * math.sqrt(0.5)
-LEFT = np.array([-1.0, 1.0, 1.0, -1.0]) * math.sqrt(0.5)
+DIAGONAL = math.sqrt(0.5)
+FORWARD = np.array([1.0, -1.0, 1.0, -1.0]) * DIAGONAL
+LEFT = np.array([-1.0, 1.0, 1.0, -1.0]) * DIAGONAL
 SPIN = np.array([-1.0, -1.0, 1.0, 1.0])
 
 
@@ -122,7 +123,7 @@ def _spun(omega: Components, thrust: Components, dt: float, p: Quadrotor) -> Com
     front_right, rear_left, front_left, rear_right = thrust
     x, y, z = omega
     xx, yy, zz = p.inertia_xx_kgm2, p.inertia_yy_kgm2, p.inertia_zz_kgm2
-    lever_m = p.arm_length_m * math.sqrt(0.5)
+    lever_m = p.arm_length_m * DIAGONAL
     roll = lever_m * (rear_left + front_left - front_right - rear_right)
     pitch = lever_m * (rear_left + rear_right - front_right - front_left)
     yaw = p.torque_per_thrust_m * (front_left + rear_right - front_right - rear_left)

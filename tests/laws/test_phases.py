@@ -83,7 +83,9 @@ def test_each_phase_ends_by_its_own_cause_and_after_its_own_time(
 ) -> None:
     took, state = leaves_after(phase, seconds + 3 * DT, **seen)
     assert state.phase is to
-    assert seconds - 1e-9 <= took <= seconds + 2.5 * DT  # a limit is passed, not met, and time begins with the next tick
+    assert (
+        seconds - 1e-9 <= took <= seconds + 2.5 * DT
+    )  # a limit is passed, not met, and time begins with the next tick
 
 
 @pytest.mark.parametrize(

@@ -102,17 +102,23 @@ def test_gaps_restarts_and_malformed_samples_are_counted_by_topic(tmp_path):
 
 
 def test_a_put_on_a_wildcard_is_malformed_not_a_crash(tmp_path):
-    arrived = service.Arrived()
-    service._keep(arrived, VirtualClockAt(7), GUIDANCE.key, "guidance/*", b'{"seq":1,"stamp_ns":7}')
-    assert arrived.pop() == (GUIDANCE.key, b"", 7)
+    class WildcardBus(MemoryBus):
+        def subscribe(self, key, on_payload):
+            super().subscribe(key, lambda _, payload: on_payload("guidance/*", payload))
 
+    async def scene():
+        bus = WildcardBus()
+        node = Node("recorder", bus, VirtualClock())
+        recording = service.record(node, bus, file=tmp_path / "a.mcap", params=PARAMS, metadata={}, attachments={})
+        task = asyncio.create_task(recording)
+        await asyncio.sleep(0.1)
+        bus.put(GUIDANCE.key, b'{"seq":1,"stamp_ns":7}', Stance.BULK)
+        await asyncio.sleep(0.1)
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
 
-class VirtualClockAt:
-    def __init__(self, now_ns):
-        self._now_ns = now_ns
-
-    def now_ns(self):
-        return self._now_ns
+    run_virtual(scene())
+    assert read(tmp_path / "a.mcap").verdict.topics[GUIDANCE.key] == Count(malformed=1)
 
 
 def test_times_in_the_file_are_wall_clock_and_a_second_host_is_moved_onto_it(tmp_path):
