@@ -145,7 +145,7 @@ async def act(role: str, case: str, run_dir: str, seconds: float) -> None:
         body = _write(bus, TRAFFIC[case], count) if role == "write" else _READERS[case](bus, count, run_dir)
         task = asyncio.create_task(body)
         await asyncio.sleep(_SETTLE_s)
-        print(json.dumps(await _measure(count, seconds)), flush=True)  # noqa: T201
+        print(json.dumps(await _measure(count, seconds)), flush=True)
         await asyncio.sleep(_SETTLE_s / 2)  # the other one measures still
         task.cancel()
         await asyncio.gather(task, return_exceptions=True)
@@ -154,7 +154,9 @@ async def act(role: str, case: str, run_dir: str, seconds: float) -> None:
 async def _measure(count: Sequence[int], seconds: float) -> dict[str, float]:
     before = time.monotonic(), time.process_time(), count[0]
     await asyncio.sleep(seconds)
-    wall, cpu, seen = (new - old for new, old in zip((time.monotonic(), time.process_time(), count[0]), before, strict=True))
+    wall, cpu, seen = (
+        new - old for new, old in zip((time.monotonic(), time.process_time(), count[0]), before, strict=True)
+    )
     return {"cpu": cpu / wall, "count": seen / wall}
 
 

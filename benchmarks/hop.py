@@ -26,7 +26,7 @@ from rich.table import Table
 from schemas.message import Vec3
 from schemas.topics import HANDLE_STATE, SERVICES, Stance
 from schemas.tracking import HandleSource, HandleState
-from services.runtime.bus import OnPayload
+from services.runtime.bus import Mailbox, OnPayload
 from services.runtime.bus_config import BusConfig
 from services.runtime.clock import MonotonicClock
 from services.runtime.node import Node
@@ -51,7 +51,7 @@ class Receiver:
     """The other process: three ways to look at the clock."""
 
     def __init__(self) -> None:
-        self.delays_ns: dict[str, list[int]] = {"bare": [], "latest": [], "stream": []}
+        self.delays_ns: dict[str, list[int]] = {"bare": [], "decoded": [], "stream": []}
         self.decoded_ns: deque[int] = deque()
 
     async def receive(self, run_dir: str, seconds: float) -> None:
@@ -72,7 +72,7 @@ class Receiver:
     async def _read(self, messages: AsyncIterator[HandleState]) -> None:
         async for message in messages:
             self.delays_ns["stream"].append(time.monotonic_ns() - message.stamp_ns)
-            self.delays_ns["latest"].append(self.decoded_ns.popleft() - message.stamp_ns)
+            self.delays_ns["decoded"].append(self.decoded_ns.popleft() - message.stamp_ns)
 
     def _on_sample(self, sample: zenoh.Sample) -> None:
         payload = sample.payload.to_bytes()
@@ -95,6 +95,9 @@ class Probe:
             self._decoded_ns.append(time.monotonic_ns())
 
         self._bus.subscribe(key, timed)
+
+    def mailbox(self, key: str) -> Mailbox:
+        return self._bus.mailbox(key)
 
 
 async def send(run_dir: str, seconds: float) -> None:

@@ -82,13 +82,15 @@ def cos_sin(angle_rad: Scalar) -> tuple[Scalar, Scalar]:
 
 def norm(v: Array) -> Array:
     """‖v‖ over the last axis, (...,)."""
-    return np.sqrt(np.sum(v * v, axis=-1))
+    return np.sqrt((v * v).sum(-1))
 
 
-def saturate(v: Array, limit: float | Array) -> Array:
-    """`v` shortened, direction kept, so that ‖v‖ <= limit; (..., 3)."""
-    length = norm(v)[..., None]
-    return v * np.minimum(1.0, limit / np.maximum(length, 1e-12))
+def saturate(v: Array, limit: Scalar) -> Array:
+    """`v` shortened, direction kept, so that ‖v‖ <= limit; (..., n)."""
+    parts = components(v)
+    length = sum(x * x for x in parts) ** 0.5
+    kept = clamp(limit / at_least(length, 1e-12), 0.0, 1.0)
+    return vector(*(kept * x for x in parts))
 
 
 def low_pass_gain(rate_rad_s: float, dt: float | Array) -> float | Array:

@@ -2,8 +2,9 @@
 
 Two ways of flying. In POSITION mode the reference walks to the supervisor's goal. In the three others the admittance filter
 moves it: anchored over the start (WAIT; once the handle is held it rises until the cable is taut), guided (GUIDE), or
-giving way without any pull (EASE). The change between them is bumpless: each starts from the last reference sent, and the fed-forward cable force is ramped (G9). Without a fresh cable
-force the filter cannot fly: then the reference stops where it is, a little nearer to the hand.
+giving way without any pull (EASE). The change between them is bumpless: each starts from the last reference sent, and the
+fed-forward cable force is ramped (G9). Without a fresh cable force the filter cannot fly: then the reference stops where it
+is, a little nearer to the hand.
 
 | paper | here | unit | frame |
 |---|---|---|---|

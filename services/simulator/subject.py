@@ -16,16 +16,12 @@ from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from services.parameters import Positive, parameters
-from services.physics import Z, saturate
+from services.physics import Array, clamp, components, saturate, vector
 from services.simulator import human
 from services.simulator.human import Human, HumanState
 
-Array = NDArray[np.float64]
-
-_XY = np.array([1.0, 1.0, 0.0])
 _AT_HEIGHT_M = 0.01
 
 
@@ -94,17 +90,23 @@ def waiting(p_hand_W: Array, facing_W: Array) -> SubjectState:
     return SubjectState(person, Phase.WAITING, person.p_H_W, person.p_H_W, 0.0, was_told=False)
 
 
-def step(
-    state: SubjectState, said: SubjectInput, dt: float, p: Subject, body: Human
-) -> tuple[SubjectState, SubjectOutput]:
-    """Decide, then move the hand by `dt`."""
-    state = _decide(state, said, dt, p, body)._replace(was_told=said.told_to_take)
-    if state.phase in HOLDS:
-        person = _walk(state, said, dt, p, body)
-    else:
-        person = _reach(state.person, said.p_handle_W if state.phase is Phase.REACHING else state.goal_W, dt, p)
-    state = state._replace(person=person)
-    return state, report(state, body)
+def step(state: SubjectState, said: SubjectInput, dt: float, p: Subject, body: Human) -> SubjectState:
+    """Decide, then move the hand by `dt`; `report` says what the world sees of it."""
+    now = _decide(state, said, dt, p, body)
+    person = _moved(now, said, dt, p, body)
+    return SubjectState(person, now.phase, now.goal_W, now.began_W, now.unpulled_s, was_told=said.told_to_take)
+
+
+def _moved(state: SubjectState, said: SubjectInput, dt: float, p: Subject, body: Human) -> HumanState:
+    match state.phase:
+        case Phase.WAITING:
+            return state.person  # stands still
+        case Phase.REACHING:
+            return _reach(state.person, said.p_handle_W, dt, p)
+        case Phase.LIFTING | Phase.HOLDING:
+            return _walk(state, said, dt, p, body)
+        case Phase.LEAVING:
+            return _reach(state.person, state.goal_W, dt, p)
 
 
 def report(state: SubjectState, body: Human) -> SubjectOutput:
@@ -121,7 +123,7 @@ def _decide(state: SubjectState, said: SubjectInput, dt: float, p: Subject, body
             return state._replace(phase=Phase.REACHING)
         case Phase.REACHING if not said.told_to_take:
             return _leave(state, p)
-        case Phase.REACHING if _length(said.p_handle_W - hand) < p.grasp_distance_m:
+        case Phase.REACHING if math.dist(said.p_handle_W, hand) < p.grasp_distance_m:
             grasp = state.person._replace(p_H_W=said.p_handle_W.astype(float))  # the hand closes round it: no jerk
             return state._replace(phase=Phase.LIFTING, person=grasp)
         case Phase.LIFTING | Phase.HOLDING if said.told_to_let_go or said.wants_to_let_go:
@@ -136,8 +138,8 @@ def _decide(state: SubjectState, said: SubjectInput, dt: float, p: Subject, body
 
 def _feel(state: SubjectState, f_c_W: Array, dt: float, p: Subject) -> SubjectState:
     """Let go when nothing has pulled sideways for a while, after a real walk."""
-    pulled = math.hypot(f_c_W[0], f_c_W[1]) >= p.let_go_force_N
-    walked = _length((state.person.p_H_W - state.began_W) * _XY) >= p.let_go_walked_m
+    pulled = math.hypot(*f_c_W[:2]) >= p.let_go_force_N
+    walked = math.dist(state.person.p_H_W[:2], state.began_W[:2]) >= p.let_go_walked_m
     state = state._replace(unpulled_s=0.0 if pulled or not walked else state.unpulled_s + dt)
     return _leave(state, p) if state.unpulled_s >= p.let_go_after_s else state
 
@@ -153,18 +155,15 @@ def _walk(state: SubjectState, said: SubjectInput, dt: float, p: Subject, body: 
     person = state.person
     stand = -body.b_stop_Ns_per_m * person.v_H_W if state.phase is Phase.LIFTING else said.u_H_W
     after = human.step(person, said.f_c_W, stand, dt, body)
-    climb = min(max(p.reach_rate_per_s * (body.hand_height_m - person.p_H_W[2]), -p.reach_speed_mps), p.reach_speed_mps)
-    v_z = person.v_H_W[2] - math.expm1(-dt / p.hand_lag_s) * (climb - person.v_H_W[2])
-    v = after.v_H_W * _XY + v_z * Z
-    return after._replace(p_H_W=after.p_H_W * _XY + (person.p_H_W[2] + dt * v_z) * Z, v_H_W=v)
+    (x, y, _), (v_x, v_y, _) = components(after.p_H_W), components(after.v_H_W)
+    z, v_z = float(person.p_H_W[2]), float(person.v_H_W[2])
+    climb = clamp(p.reach_rate_per_s * (body.hand_height_m - z), -p.reach_speed_mps, p.reach_speed_mps)
+    v_z -= math.expm1(-dt / p.hand_lag_s) * (climb - v_z)
+    return HumanState(vector(x, y, z + dt * v_z), vector(v_x, v_y, v_z), after.facing_W)
 
 
 def _reach(person: HumanState, goal_W: Array, dt: float, p: Subject) -> HumanState:
     """Move the free hand to `goal_W`: at most at the reach speed, slower and slower towards the end."""
     wanted = saturate(p.reach_rate_per_s * (goal_W - person.p_H_W), p.reach_speed_mps)
     v = person.v_H_W - math.expm1(-dt / p.hand_lag_s) * (wanted - person.v_H_W)
-    return person._replace(p_H_W=person.p_H_W + dt * v, v_H_W=v)
-
-
-def _length(v: Array) -> float:
-    return math.sqrt(float(v @ v))
+    return HumanState(person.p_H_W + dt * v, v, person.facing_W)

@@ -8,18 +8,15 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from services import cable
 from services.cable import Cable
-from services.physics import GRAVITY_MPS2, Z
+from services.physics import GRAVITY_MPS2, Array, Z
 from services.simulator import handle, human, quadrotor, subject
 from services.simulator.handle import Handle, HandleState
 from services.simulator.human import Behaviour, Human
 from services.simulator.quadrotor import Quadrotor, QuadrotorState
 from services.simulator.subject import Subject, SubjectInput, SubjectOutput, SubjectState
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -63,15 +60,21 @@ def step(state: WorldState, motor: Array, told: Told, dt: float, p: WorldParams)
     """One step of `dt` (1 ms) with the motors' thrust fractions (4,) held."""
     f_c = cable.force(state.robot.p_W, state.handle.p_W, state.robot.v_W, state.handle.v_W, p.cable)
     robot = quadrotor.step(state.robot, motor, -f_c, dt, p.quadrotor)
-    wish = human.u_H(state.held_s, state.subject.person, p.behaviour, p.human)
-    opens = human.lets_go(state.held_s, p.behaviour)
-    said = SubjectInput(state.handle.p_W, f_c, told.take, told.let_go, opens, wish)
-    person, seen = subject.step(state.subject, said, dt, p.subject, p.human)
-    if seen.holding:
-        lower_end, held_s = HandleState(seen.p_hand_W, seen.v_hand_W), state.held_s + dt
+    person = subject.step(state.subject, _said(state, f_c, told, p), dt, p.subject, p.human)
+    if person.phase in subject.HOLDS:
+        lower_end, held_s = HandleState(person.person.p_H_W, person.person.v_H_W), state.held_s + dt
     else:
         lower_end, held_s = handle.step(state.handle, f_c, dt, p.handle), 0.0
     return WorldState(robot, lower_end, person, f_c, held_s)
+
+
+def _said(state: WorldState, f_c: Array, told: Told, p: WorldParams) -> SubjectInput:
+    """What reaches the subject; the script counts only while the handle is held."""
+    if state.subject.phase not in subject.HOLDS:
+        return SubjectInput(state.handle.p_W, f_c, told.take, told.let_go)
+    wish = human.u_H(state.held_s, state.subject.person, p.behaviour, p.human)
+    opens = human.lets_go(state.held_s, p.behaviour)
+    return SubjectInput(state.handle.p_W, f_c, told.take, told.let_go, opens, wish)
 
 
 def look(state: WorldState, p: WorldParams) -> SubjectOutput:

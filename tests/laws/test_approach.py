@@ -115,7 +115,8 @@ def test_a_goal_that_moves_is_followed_without_a_jump() -> None:
 
 def test_at_the_goal_nothing_happens() -> None:
     flown = fly(State(ZERO, ZERO), ZERO, 0.5, 1.0)
-    assert not np.any(flown.p) and not np.any(flown.a)
+    assert not np.any(flown.p)
+    assert not np.any(flown.a)
 
 
 def test_many_at_once_are_one_by_one() -> None:

@@ -298,7 +298,7 @@ def test_a_command_only_raises_the_level_until_resume(first: Phase, history: lis
     for (_, before, _), (seen, state, _) in pairwise(play(first, history)):
         if before.phase is Phase.IDLE:
             continue  # starting begins anew
-        if seen.action in asked:
+        if seen.action is not None and seen.action in asked:
             assert state.operator_level == max(before.operator_level, asked[seen.action])
         elif seen.action is Action.RESUME and before.operator_level < Level.LAND:
             assert state.operator_level is Level.OK

@@ -218,7 +218,8 @@ SMALL_IS_BAD = {"head_clearance_m", "hand_clearance_m", "battery_fraction", "off
 
 def worse(a: Facts, b: Facts) -> Facts:
     """The worse of each fact."""
-    return Facts(*(min(x, y) if name in SMALL_IS_BAD else max(x, y) for name, x, y in zip(Facts._fields, a, b)))
+    facts = zip(Facts._fields, a, b, strict=True)
+    return Facts._make(min(x, y) if name in SMALL_IS_BAD else max(x, y) for name, x, y in facts)
 
 
 @given(st.lists(st.tuples(FACTS, FACTS, st.integers(1, 30), st.booleans()), max_size=6), st.sampled_from(sorted(Phase)))

@@ -41,8 +41,8 @@ UP = np.array([0.0, 0.0, 1.0])
 def run(state, seconds, **said):
     outs = []
     for _ in range(round(seconds / DT)):
-        state, out = subject.step(state, SubjectInput(HANDLE, UP)._replace(**said), DT, P, BODY)
-        outs.append(out)
+        state = subject.step(state, SubjectInput(HANDLE, UP)._replace(**said), DT, P, BODY)
+        outs.append(subject.report(state, BODY))
     return state, outs
 
 

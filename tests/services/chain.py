@@ -3,10 +3,10 @@
 import asyncio
 import importlib
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
+from typing import Any
 
-from schemas.message import Message
 from schemas.safety import Action, OperatorRequest, Phase, SafetyState
 from schemas.topics import OPERATOR, REQUEST, SAFETY_STATE, TOPICS
 from services.config import Config
@@ -27,7 +27,7 @@ class Flight:
 
     config: Config
     vehicle: DirectVehicle
-    said: dict[str, list[Message]] = field(default_factory=lambda: defaultdict(list))
+    said: dict[str, list[Any]] = field(default_factory=lambda: defaultdict(list))
 
     def phases(self) -> list[Phase]:
         """Each phase once, in order."""
@@ -38,7 +38,7 @@ class Flight:
             if before is None or before.phase is not m.phase
         ]
 
-    def during(self, key: str, *phases: Phase) -> list[Message]:
+    def during(self, key: str, *phases: Phase) -> list[Any]:
         """Messages of a topic whose stamp lies in one of the phases."""
         states = [m for m in self.said[SAFETY_STATE.key] if isinstance(m, SafetyState) and m.phase in phases]
         spans = [(m.stamp_ns, m.stamp_ns + 10_000_000) for m in states]
@@ -73,7 +73,7 @@ class Stage:
         raise AssertionError
 
 
-def fly(config: Config, script: Callable[[Stage], object], limit_s: float = 200.0) -> Flight:
+def fly(config: Config, script: Callable[[Stage], Awaitable[object]], limit_s: float = 200.0) -> Flight:
     """Start every service, run `script` (a coroutine function), stop; what was said meanwhile."""
     return run_virtual(_fly(config, script), limit_s=limit_s)
 
@@ -93,7 +93,7 @@ async def until_guiding(stage: Stage, for_s: float = 0.0) -> None:
     await asyncio.sleep(for_s)
 
 
-async def _fly(config: Config, script: Callable[[Stage], object]) -> Flight:
+async def _fly(config: Config, script: Callable[[Stage], Awaitable[object]]) -> Flight:
     clock, bus = VirtualClock(), MemoryBus()
     vehicle = DirectVehicle(config.px4_bridge.vehicle, clock.now_ns, MAVLINK_DELAY_S)
     flight = Flight(config, vehicle)

@@ -15,6 +15,7 @@ from schemas.message import Message, Vec3
 from schemas.topics import GUIDANCE, HANDLE_STATE, MOCAP_FRAME, SETPOINT, TOPICS
 from schemas.tracking import HandleSource, HandleState, MocapFrame, RigidBody
 from schemas.vehicle import Setpoint, SetpointKind
+from services.config import load
 from services.recorder.figures import FIGURES, draw_all
 from services.recorder.latency import reactions
 from services.recorder.reading import read
@@ -64,10 +65,10 @@ def test_head_and_hand_are_as_far_and_as_hard_pressed_as_they_were_made(good):
     world = synthetic_world.World(Scenario())
     t = np.arange(0.05, world.end_s, 0.01)
     p_H = world.handle(t)
-    distance = np.sqrt(np.sum((world.robot(t) - p_H - (-0.35, 0.1, 0.6)) ** 2, axis=-1))
+    distance = np.sqrt(np.sum((world.robot(t) - p_H - (-0.35, 0.1, 0.6)) ** 2, axis=-1))[world.held(t)]
     pull = (world.force(t) - (0.0, 0.0, synthetic_world.WEIGHT_N))[world.held(t)]
-    summary = summarise(good, rotor_tip_m=0.2)
-    assert summary.head_clearance_m == pytest.approx(np.min(distance) - 0.2, abs=1e-6)
+    summary, tip_m = summarise(good), load("demo").safety_supervisor.envelope.rotor_tip_m
+    assert summary.head_clearance_m == pytest.approx(np.min(distance) - tip_m, abs=1e-6)
     assert summary.hand_force.max_n == pytest.approx(np.max(np.sqrt(np.sum(pull**2, axis=-1))), abs=1e-6)
 
 

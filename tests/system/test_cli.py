@@ -16,12 +16,21 @@ from tests.system.demo_profile import clew, free_port, run, write_profile
 UP = re.compile(r"^up: ", re.MULTILINE)
 
 
+def found(pattern: str, text: str) -> str:
+    """The first group of a pattern that must be there."""
+    match = re.search(pattern, text)
+    assert match, f"{pattern} is not in:\n{text}"
+    return match[1]
+
+
 @pytest.fixture(scope="module")
 def system(tmp_path_factory):
     """`clew up`, running; its folder and profile."""
     folder = tmp_path_factory.mktemp("up")
     profile = write_profile(folder)
     process = clew(folder, "up", str(profile))
+    assert process.stdout
+    assert process.stderr
     line = process.stdout.readline()
     assert UP.match(line), line + process.stderr.read()
     yield folder, str(profile), process
@@ -32,10 +41,11 @@ def system(tmp_path_factory):
 
 def test_status_names_every_service_and_what_limits_the_system(system):
     folder, profile, _ = system
+    ended = run(folder, "status", "--profile", profile)
     for _ in range(20):  # the autopilot's first position takes a moment
-        ended = run(folder, "status", "--profile", profile)
         if "nothing limits" in ended.stdout:
             break
+        ended = run(folder, "status", "--profile", profile)
     assert ended.returncode == 0, ended.stdout + ended.stderr
     assert all(name in ended.stdout for name in SERVICES)
     assert "phase idle" in ended.stdout
@@ -52,7 +62,7 @@ def test_hz_counts(system):
     folder, profile, _ = system
     ended = run(folder, "hz", "handle/state", "--profile", profile)
     assert ended.returncode == 0
-    assert float(re.search(r"handle/state\s+\S\s+([\d.]+)", ended.stdout)[1]) > 1.0
+    assert float(found(r"handle/state\s+\S\s+([\d.]+)", ended.stdout)) > 1.0
 
 
 def test_an_unknown_topic_is_said(system):
@@ -93,7 +103,7 @@ def test_no_autopilot_is_said_by_name_and_everything_stops(tmp_path):
 
 def test_a_port_in_use_is_said(tmp_path):
     profile = write_profile(tmp_path)
-    port = int(re.search(r'companion = "127.0.0.1:(\d+)"', profile.read_text())[1])
+    port = int(found(r'companion = "127.0.0.1:(\d+)"', profile.read_text()))
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", port))
         ended = run(tmp_path, "up", str(profile))

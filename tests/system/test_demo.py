@@ -5,6 +5,7 @@ import subprocess
 
 import pytest
 
+from schemas.topics import SETPOINT
 from services.recorder.reading import read
 from tests.system.demo_profile import run, write_profile
 
@@ -40,7 +41,7 @@ def test_it_leaves_figures_and_a_recording_that_names_causes(demo):
     recording = read(session / "session.mcap")
     assert recording.damage == ""
     assert recording.verdict.closed
-    sent = recording.messages("setpoint/sent")
+    sent = recording.messages(SETPOINT)
     assert any({"force/cable", "guidance/command", "safety/state"} <= set(m.inputs) for m in sent)
 
 

@@ -1,0 +1,369 @@
+"""The bridge's law: nothing jumps, whatever changes; backing off leaves no pull; orders and permits by their tables."""
+
+from collections.abc import Callable, Iterator
+from itertools import pairwise, product
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from schemas.safety import Permit, Phase
+from schemas.vehicle import FlightMode, SetpointKind
+from services import cable
+from services.physics import Array, norm
+from services.px4_bridge import flight
+from services.px4_bridge.approach import Approach
+from services.px4_bridge.flight import Flight, Force, Guidance, Input, Output, Params, State
+from services.px4_bridge.orders import STREAM_FIRST_S, Order, next_order, streams
+from services.px4_bridge.permits import effective
+from services.px4_bridge.setpoint import Limits
+from tests.laws import ideal
+from tests.laws.strategies import vectors
+
+P = Params(
+    Flight(
+        m_R_kg=0.8,
+        handle_weight_N=0.3,
+        rest_length_m=1.0,
+        ceiling_m=2.1,
+        feed_forward_ramp_s=1.0,
+        ease_slack_m=0.05,
+        yaw_rad=0.0,
+    ),
+    ideal.FILTER,
+    Approach(a_max_mps2=0.8, rate_per_s=1.0),
+    Limits(a_xy_max_mps2=5.0, a_z_max_mps2=4.0, v_max_mps=1.5, step_max_m=0.05),
+)
+DT = 0.008
+ZERO = np.zeros(3)
+HAND = np.array([0.0, 0.0, ideal.PLANE_Z])
+WANTED = np.array([1.5, 0.0, 1.0])  # the paper's pull
+LED = HAND + cable.offset(WANTED, ideal.CABLE)
+START = np.array([-2.0, -0.5, 1.9])
+
+
+def sight(permit: Permit, f_c: Array = ZERO, *, held: bool = True, fresh: bool = True, guided: bool = True) -> Input:
+    """One tick with two force samples in it, or none where the force is stale."""
+    forces = [Force(f_c, False, DT / 2)] * 2 if fresh else []
+    guidance = Guidance(LED, WANTED, 1.0) if guided else None
+    return Input(permit, START, 0.6, held, forces, fresh, guidance)
+
+
+def fly(state: State, x: Input, seconds: float) -> Iterator[tuple[State, Output]]:
+    for _ in range(round(seconds / DT)):
+        state, output = flight.step(state, x, DT, P)
+        yield state, output
+
+
+def after(state: State, x: Input, seconds: float) -> State:
+    *_, (state, _) = fly(state, x, seconds)
+    return state
+
+
+def guided(f_c: Array = WANTED) -> State:
+    """In equilibrium, led by the paper's pull, everything ramped in."""
+    return after(flight.initial(LED), sight(Permit.GUIDE, f_c), 1.5)
+
+
+# Which way of flying follows from what is known.
+
+
+@pytest.mark.parametrize(
+    ("permit", "held", "fresh", "is_guided", "kind"),
+    [
+        (Permit.POSITION, False, True, True, SetpointKind.POSITION),
+        (Permit.POSITION, False, False, False, SetpointKind.POSITION),
+        (Permit.LAND, True, True, True, SetpointKind.POSITION),
+        (Permit.WAIT, False, True, False, SetpointKind.ADMITTANCE),
+        (Permit.WAIT, True, False, True, SetpointKind.EASE),
+        (Permit.GUIDE, True, True, True, SetpointKind.ADMITTANCE),
+        (Permit.GUIDE, True, True, False, SetpointKind.EASE),
+        (Permit.GUIDE, True, False, True, SetpointKind.EASE),
+        (Permit.GUIDE, False, True, False, SetpointKind.ADMITTANCE),
+        (Permit.EASE, True, True, True, SetpointKind.EASE),
+        (Permit.EASE, False, False, False, SetpointKind.EASE),
+    ],
+)
+def test_the_way_of_flying(permit: Permit, held: bool, fresh: bool, is_guided: bool, kind: SetpointKind) -> None:
+    _, output = flight.step(guided(), sight(permit, held=held, fresh=fresh, guided=is_guided), DT, P)
+    assert output.kind is kind
+
+
+# Bumpless.
+
+SIGHTS = st.builds(
+    sight,
+    st.sampled_from([p for p in Permit if p is not Permit.NONE]),
+    vectors(3.0),
+    held=st.booleans(),
+    fresh=st.sampled_from([True, True, True, False]),
+    guided=st.sampled_from([True, True, True, False]),
+)
+HISTORIES = st.lists(st.tuples(SIGHTS, st.integers(1, 40)), min_size=3, max_size=8)
+
+
+@settings(max_examples=40)
+@given(vectors(1.0), HISTORIES)
+def test_nothing_sent_jumps_whatever_changes(p_R: Array, history: list[tuple[Input, int]]) -> None:
+    """Position within the step limit always, and by no more than the velocity's share while the filter is not cut short."""
+    state = flight.initial(p_R)
+    for x, ticks in history:
+        for _ in range(ticks):
+            before = state
+            state, output = flight.step(state, x, DT, P)
+            step_m = float(norm(output.sent.p - before.p_sent))
+            assert step_m <= P.limits.step_max_m + 1e-12
+            fastest = max(float(norm(before.filter.v)), float(norm(state.filter.v)))
+            lag_m = float(norm(before.filter.p - before.p_sent))
+            assert step_m <= 1.5 * DT * fastest + 0.5 * DT**2 * 20.0 + lag_m + 1e-12
+            assert norm(output.sent.v) <= P.limits.v_max_mps + 1e-12
+            assert np.hypot(output.sent.a[0], output.sent.a[1]) <= P.limits.a_xy_max_mps2 + 1e-12
+            assert abs(output.sent.a[2]) <= P.limits.a_z_max_mps2 + 1e-12
+            assert abs(state.feed_forward - before.feed_forward) <= DT / P.flight.feed_forward_ramp_s + 1e-12
+
+
+FLYING_PERMITS = [Permit.POSITION, Permit.WAIT, Permit.GUIDE, Permit.EASE, Permit.LAND]
+
+
+@pytest.mark.parametrize(("one", "other"), [(a, b) for a, b in product(FLYING_PERMITS, repeat=2) if a is not b])
+def test_a_change_begins_where_the_last_set_point_was(one: Permit, other: Permit) -> None:
+    state = after(flight.initial(LED), sight(one, WANTED), 0.7)
+    changed, output = flight.step(state, sight(other, WANTED), DT, P)
+    speed = max(float(norm(state.filter.v)), float(norm(changed.filter.v)))
+    assert norm(output.sent.p - state.p_sent) <= 1.5 * DT * speed + 1e-6
+    assert changed.feed_forward == pytest.approx(state.feed_forward, abs=1.01 * DT)
+
+
+def test_from_position_mode_the_filter_is_engaged_at_rest() -> None:
+    """G9: at the last set-point sent, with v = 0."""
+    moving = after(flight.initial(ZERO), sight(Permit.POSITION), 1.0)
+    assert norm(moving.filter.v) > 0.3
+    engaged, _ = flight.step(moving, sight(Permit.WAIT, np.array([0.0, 0.0, 0.3])), DT, P)
+    assert norm(engaged.filter.p - moving.p_sent) < 1e-3
+    assert norm(engaged.filter.v) < 0.05
+
+
+def test_guiding_goes_on_from_ease_without_a_stop() -> None:
+    """A person who walks on is not stopped by a change of permit."""
+    led = after(guided(ZERO), sight(Permit.EASE, np.array([-1.2, 0.0, 0.3])), 2.0)
+    assert norm(led.filter.v) > 0.4
+    on, _ = flight.step(led, sight(Permit.GUIDE, np.array([-1.2, 0.0, 0.3])), DT, P)
+    assert norm(on.filter.v - led.filter.v) < 0.1
+
+
+@pytest.mark.parametrize(("permit", "to"), [(Permit.WAIT, 1.0), (Permit.EASE, 1.0), (Permit.POSITION, 0.0)])
+def test_the_feed_forward_is_ramped_in_one_second(permit: Permit, to: float) -> None:
+    state = flight.initial(LED) if to else guided()
+    shares = [state.feed_forward, *(s.feed_forward for s, _ in fly(state, sight(permit, WANTED), 1.2))]
+    assert shares[0] == 1.0 - to
+    steps = np.abs(np.diff(shares))
+    ramp = steps[: round(1.0 / DT) - 1]
+    assert ramp == pytest.approx(np.full(len(ramp), DT))
+    assert shares[-1] == to
+
+
+@given(vectors(2.0), st.sampled_from([Permit.WAIT, Permit.EASE]))
+@settings(max_examples=20)
+def test_the_force_goes_into_the_acceleration_with_the_same_sample(f_c: Array, permit: Permit) -> None:
+    """G2: a_sp = u_R + f_c/m_R once ramped in."""
+    state = after(flight.initial(START), sight(permit, ZERO), 1.2)
+    _, output = flight.step(state, sight(permit, f_c), DT, P)
+    assert output.sent.a == pytest.approx(output.u_R + f_c / P.flight.m_R_kg, abs=1e-9)
+
+
+# What the person feels when the system backs off: an ideal vehicle, a double integrator that holds to its set-point.
+
+
+class Felt(NamedTuple):
+    t_s: Array
+    f_c: Array
+    slack_m: Array
+
+
+GAIN = 3.0  # rad/s of the vehicle's position loop, critically damped
+
+
+def back_off(permit_at: Callable[[float], Input], v_person: Array, seconds: float, settle_s: float = 1.5) -> Felt:
+    """Led by the paper's pull until t = 0, then as told; from then on the person walks with `v_person` (ramped, 1 s)."""
+    dt, hand, state = 0.004, HAND, flight.initial(LED)
+    p_R, v_R = LED, ZERO
+    rows: list[tuple[float, Array, float]] = []
+    for n in range(round(-settle_s / dt), round(seconds / dt)):
+        v_H = v_person * min(max(n * dt, 0.0), 1.0)
+        f_c = cable.force(p_R, hand, v_R, v_H, ideal.CABLE)
+        slack_m = 1.0 - float(norm(p_R - hand))
+        x = permit_at(n * dt)
+        forces = [Force(f_c, slack_m > 0.02, dt)] if x.force_fresh else []
+        state, output = flight.step(state, x._replace(forces=forces), dt, P)
+        pulled = GAIN**2 * (output.sent.p - p_R) + 2.0 * GAIN * (output.sent.v - v_R)
+        v_R = v_R + dt * (output.sent.a + pulled - f_c / P.flight.m_R_kg)
+        p_R, hand = p_R + dt * v_R, hand + dt * v_H
+        rows.append((n * dt, f_c, slack_m))
+    return Felt(*(np.array(column) for column in zip(*rows, strict=True)))
+
+
+def eases(t_s: float) -> Input:
+    return sight(Permit.GUIDE if t_s < 0.0 else Permit.EASE)
+
+
+def test_led_it_pulls_as_the_paper_wants() -> None:
+    """What the tests of backing off start from."""
+    felt = back_off(lambda _: sight(Permit.GUIDE), ZERO, 0.0)
+    assert felt.f_c[-1] == pytest.approx(WANTED, abs=0.02)
+
+
+def test_ease_takes_the_pull_from_a_person_who_stands() -> None:
+    """The cable hangs slack by about 5 cm along it; at no time is there more pull than before."""
+    felt = back_off(eases, ZERO, 8.0)
+    after_it = felt.t_s >= 0.0
+    assert np.max(norm(felt.f_c[after_it])) < float(norm(WANTED)) + 0.1
+    assert np.max(norm(felt.f_c[felt.t_s > 1.0])) == 0.0
+    assert 0.02 < felt.slack_m[-1] < 0.06
+
+
+@pytest.mark.parametrize("heading", [0.0, 2.0, np.pi])
+def test_eased_a_person_who_walks_drags_it_along_at_b_A(heading: float) -> None:
+    """Whichever way: horizontally b_A v and nothing else, once it moves with them."""
+    speed = 0.4
+    felt = back_off(eases, speed * np.array([np.cos(heading), np.sin(heading), 0.0]), 14.0)
+    late = np.hypot(felt.f_c[:, 0], felt.f_c[:, 1])[felt.t_s > 9.0]
+    assert np.max(late) < ideal.FILTER.b_A_Ns_per_m * speed + 0.05
+    assert np.mean(late) == pytest.approx(ideal.FILTER.b_A_Ns_per_m * speed, abs=0.05)
+    take_up_N = speed * np.sqrt(ideal.CABLE.k_c_N_per_m * P.flight.m_R_kg)  # a mass met at that speed (G7)
+    assert np.max(norm(felt.f_c)) < float(norm(WANTED)) + take_up_N
+
+
+def test_without_a_force_it_stops_and_hangs_slack() -> None:
+    """Stale: no filter, no drift; the reference goes a little nearer to the hand and stays there."""
+
+    def falls_silent(t_s: float) -> Input:
+        return sight(Permit.GUIDE, fresh=t_s < 0.0)
+
+    felt = back_off(falls_silent, ZERO, 8.0)
+    assert np.max(norm(felt.f_c[felt.t_s > 4.0])) == 0.0
+    assert felt.slack_m[-1] == pytest.approx(P.flight.ease_slack_m, abs=0.02)
+
+
+@given(vectors(3.0))
+@settings(max_examples=20)
+def test_a_stale_force_moves_nothing(f_c: Array) -> None:
+    """Whatever was felt last, no filter runs on it: the reference comes to rest within the slackening."""
+    state = guided()._replace(f_hat=f_c)
+    stale = sight(Permit.GUIDE, fresh=False)
+    rest = after(state, stale, 12.0)
+    assert norm(rest.filter.p - state.filter.p) == pytest.approx(P.flight.ease_slack_m, abs=2e-3)
+    assert norm(rest.filter.v) < 1e-3
+    assert rest.feed_forward == 0.0
+    assert not np.any(rest.u_A)
+
+
+@given(vectors(1.0), st.booleans())
+@settings(max_examples=20)
+def test_let_go_means_no_horizontal_force(f_c: Array, is_guided: bool) -> None:
+    """G6: nobody holds the handle, so nothing pulls or anchors; the height is kept where it was let go."""
+    state = guided()
+    for _, output in fly(state, sight(Permit.GUIDE, f_c, held=False, guided=is_guided), 0.4):
+        assert np.all(output.u_A[:2] == 0.0)
+    weight = np.array([0.0, 0.0, P.flight.handle_weight_N])
+    hung = after(state, sight(Permit.GUIDE, weight, held=False, guided=is_guided), 20.0)
+    assert hung.filter.p[2] == pytest.approx(min(state.filter.p[2], P.flight.ceiling_m), abs=1e-3)
+    assert norm(hung.filter.v) < 1e-3
+
+
+def test_waiting_it_is_anchored_over_the_start() -> None:
+    pushed = after(flight.initial(START + [0.3, -0.2, 0.0]), sight(Permit.WAIT, np.array([0.0, 0.0, 0.3])), 25.0)
+    assert pushed.filter.p == pytest.approx(START, abs=0.01)
+
+
+@given(vectors(3.0))
+@settings(max_examples=20)
+def test_the_filter_never_rises_above_the_ceiling(f_c: Array) -> None:
+    for permit, held in product((Permit.WAIT, Permit.GUIDE, Permit.EASE), (True, False)):
+        state = after(flight.initial(np.array([0.0, 0.0, 2.0])), sight(permit, f_c, held=held), 0.8)
+        assert state.filter.p[2] <= P.flight.ceiling_m + 1e-9
+
+
+def test_asked_to_land_it_stays_until_the_autopilot_takes_over() -> None:
+    state = guided()
+    assert norm(after(state, sight(Permit.LAND, WANTED), 5.0).filter.p - state.filter.p) < 0.01
+
+
+# permits.effective
+
+SILENT_S, LOST_S = 0.2, 3.0
+AGES = st.one_of(st.floats(0.0, 10.0), st.just(float("inf")))
+LESS = [Permit.GUIDE, Permit.WAIT, Permit.POSITION]  # what a fresh word may allow, and an old one not
+
+
+@pytest.mark.parametrize("permit", list(Permit))
+@pytest.mark.parametrize("age_s", [0.0, 0.2, 0.21, 2.9, 3.0, 3.1, float("inf")])
+def test_what_a_word_is_worth_when_it_grows_old(permit: Permit, age_s: float) -> None:
+    if permit in (Permit.NONE, Permit.LAND) or age_s <= SILENT_S:
+        expected = permit
+    else:
+        expected = Permit.EASE if age_s <= LOST_S else Permit.LAND
+    assert effective(permit, age_s, SILENT_S, LOST_S) is expected
+
+
+def test_without_a_word_nothing_is_permitted() -> None:
+    assert effective(None, float("inf"), SILENT_S, LOST_S) is Permit.NONE
+    assert effective(None, 0.0, SILENT_S, LOST_S) is Permit.NONE
+
+
+@given(st.sampled_from([p for p in Permit if p is not Permit.NONE]), st.lists(AGES, min_size=2).map(sorted))
+def test_age_only_takes_away(permit: Permit, ages: list[float]) -> None:
+    order = [*LESS, Permit.EASE, Permit.LAND]
+    ranks = [max(order.index(effective(permit, age, SILENT_S, LOST_S)), order.index(Permit.EASE) - 1) for age in ages]
+    assert all(a <= b for a, b in pairwise(ranks))
+
+
+# orders.next_order, orders.streams
+
+EVERYTHING = list(product(Permit, Phase, (False, True), FlightMode))
+LANDS = (FlightMode.LAND, FlightMode.DESCEND)
+
+
+@pytest.mark.parametrize("streaming_s", [0.0, STREAM_FIRST_S, 100.0])
+def test_it_arms_and_takes_over_only_in_the_take_off(streaming_s: float) -> None:
+    for permit, phase, armed, mode in EVERYTHING:
+        order = next_order(permit, phase, armed, mode, streaming_s)
+        if order in (Order.ARM, Order.OFFBOARD):
+            assert (permit, phase) == (Permit.POSITION, Phase.TAKEOFF)
+            assert streaming_s >= STREAM_FIRST_S
+        if order is Order.ARM:
+            assert mode is FlightMode.OFFBOARD
+            assert not armed
+        assert (order is Order.LAND) == (permit is Permit.LAND and armed and mode not in LANDS)
+
+
+def test_a_take_off_is_stream_then_offboard_then_arm_then_nothing() -> None:
+    def asked(armed: bool, mode: FlightMode, streaming_s: float) -> Order:
+        return next_order(Permit.POSITION, Phase.TAKEOFF, armed, mode, streaming_s)
+
+    assert asked(False, FlightMode.HOLD, STREAM_FIRST_S - 0.01) is Order.NOTHING
+    assert asked(False, FlightMode.HOLD, STREAM_FIRST_S) is Order.OFFBOARD
+    assert asked(False, FlightMode.OFFBOARD, STREAM_FIRST_S) is Order.ARM
+    assert asked(True, FlightMode.OFFBOARD, STREAM_FIRST_S) is Order.NOTHING
+
+
+def test_set_points_leave_only_with_a_permit_and_not_against_the_autopilots_landing() -> None:
+    for permit, phase, armed, mode in EVERYTHING:
+        if streams(permit, phase, armed, mode):
+            assert permit is not Permit.NONE
+            assert not (armed and mode in LANDS)
+            assert armed or (permit, phase) == (Permit.POSITION, Phase.TAKEOFF)
+
+
+@pytest.mark.parametrize("permit", [p for p in Permit if p is not Permit.NONE])
+def test_in_the_air_every_permit_streams_while_the_autopilot_listens(permit: Permit) -> None:
+    """Up to the moment in which it lands by itself: a gap before that would be a failsafe."""
+    for phase, mode in product(Phase, (FlightMode.OFFBOARD, FlightMode.HOLD, FlightMode.OTHER)):
+        assert streams(permit, phase, True, mode)
+
+
+@pytest.mark.parametrize("mode", list(FlightMode))
+def test_on_the_ground_a_take_off_begins_with_the_stream(mode: FlightMode) -> None:
+    """Whatever the mode: after a landing the autopilot is still in it."""
+    assert streams(Permit.POSITION, Phase.TAKEOFF, False, mode)
