@@ -138,6 +138,8 @@ DERIVED = (
     ("guiding_controller.e_R_max_m", "px4_bridge.admittance.e_R_max_m", 1.0),
 )
 
+_SOURCES = {target: source for target, source, _ in DERIVED}
+
 
 def _derive(data: dict[str, Any]) -> None:
     """Fill in what follows from elsewhere; what cannot be derived is left to the validation to miss."""
@@ -218,6 +220,8 @@ def _lines(error: ValidationError, file: Path, files: dict[str, Path]) -> Iterat
             continue
         where = files.get(parts[0], file)
         key = ".".join(parts[1:] if where is not file else parts)
+        if source := _SOURCES.get(".".join(parts)):
+            key = f"{key}, from {source}"
         shown = "" if fault["type"] in ("missing", "missing_argument") else f" = {fault['input']!r}"
         yield f"{where}: {key}{shown}: {_plain(fault['type'], message)}"
 

@@ -185,7 +185,7 @@ class Felt(NamedTuple):
 GAIN = 3.0  # rad/s of the vehicle's position loop, critically damped
 
 
-def back_off(permit_at: Callable[[float], Input], v_person: Array, seconds: float, settle_s: float = 1.5) -> Felt:
+def back_off(permit_at: Callable[[float], Input], v_person: Array, seconds: float, settle_s: float = 4.0) -> Felt:
     """Led by the paper's pull until t = 0, then as told; from then on the person walks with `v_person` (ramped, 1 s)."""
     dt, hand, state = 0.004, HAND, flight.initial(LED)
     p_R, v_R = LED, ZERO
@@ -216,7 +216,7 @@ def test_led_it_pulls_as_the_paper_wants() -> None:
 
 def test_ease_takes_the_pull_from_a_person_who_stands() -> None:
     """The cable hangs slack by about 5 cm along it; at no time is there more pull than before."""
-    felt = back_off(eases, ZERO, 8.0)
+    felt = back_off(eases, ZERO, 5.0)
     after_it = felt.t_s >= 0.0
     assert np.max(norm(felt.f_c[after_it])) < float(norm(WANTED)) + 0.1
     assert np.max(norm(felt.f_c[felt.t_s > 1.0])) == 0.0
@@ -227,8 +227,8 @@ def test_ease_takes_the_pull_from_a_person_who_stands() -> None:
 def test_eased_a_person_who_walks_drags_it_along_at_b_A(heading: float) -> None:
     """Whichever way: horizontally b_A v and nothing else, once it moves with them."""
     speed = 0.4
-    felt = back_off(eases, speed * np.array([np.cos(heading), np.sin(heading), 0.0]), 14.0)
-    late = np.hypot(felt.f_c[:, 0], felt.f_c[:, 1])[felt.t_s > 9.0]
+    felt = back_off(eases, speed * np.array([np.cos(heading), np.sin(heading), 0.0]), 9.0)
+    late = np.hypot(felt.f_c[:, 0], felt.f_c[:, 1])[felt.t_s > 6.0]
     assert np.max(late) < ideal.FILTER.b_A_Ns_per_m * speed + 0.05
     assert np.mean(late) == pytest.approx(ideal.FILTER.b_A_Ns_per_m * speed, abs=0.05)
     take_up_N = speed * np.sqrt(ideal.CABLE.k_c_N_per_m * P.flight.m_R_kg)  # a mass met at that speed (G7)
@@ -241,8 +241,8 @@ def test_without_a_force_it_stops_and_hangs_slack() -> None:
     def falls_silent(t_s: float) -> Input:
         return sight(Permit.GUIDE, fresh=t_s < 0.0)
 
-    felt = back_off(falls_silent, ZERO, 8.0)
-    assert np.max(norm(felt.f_c[felt.t_s > 4.0])) == 0.0
+    felt = back_off(falls_silent, ZERO, 5.0)
+    assert np.max(norm(felt.f_c[felt.t_s > 3.0])) == 0.0
     assert felt.slack_m[-1] == pytest.approx(P.flight.ease_slack_m, abs=0.02)
 
 
@@ -273,7 +273,9 @@ def test_let_go_means_no_horizontal_force(f_c: Array, is_guided: bool) -> None:
 
 
 def test_waiting_it_is_anchored_over_the_start() -> None:
-    pushed = after(flight.initial(START + [0.3, -0.2, 0.0]), sight(Permit.WAIT, np.array([0.0, 0.0, 0.3])), 25.0)
+    pushed = after(
+        flight.initial(START + [0.3, -0.2, 0.0]), sight(Permit.WAIT, np.array([0.0, 0.0, 0.3]), held=False), 25.0
+    )
     assert pushed.filter.p == pytest.approx(START, abs=0.01)
 
 

@@ -1,0 +1,120 @@
+"""A wrong value is one line: file, key, value, limit; and nothing has started."""
+
+import re
+
+import pytest
+
+from services.config import Config, ConfigError, deploy_folder, load
+
+DEMO = (deploy_folder() / "profiles" / "demo.toml").read_text()
+PAPER = (deploy_folder() / "paths" / "paper.toml").read_text()
+
+
+def refusal(folder, *changes, path=""):
+    """The one line that a changed demo profile, or path, is refused with."""
+    profile, file = DEMO, folder / "path.toml"
+    for old, new in changes:
+        assert old in profile, old
+        profile = profile.replace(old, new, 1)
+    (folder / "profile.toml").write_text(profile)
+    if path:
+        file.write_text(path)
+    with pytest.raises(ConfigError) as refused:
+        load(str(folder / "profile.toml"), path=str(file) if path else "")
+    (line,) = str(refused.value).splitlines()
+    return line
+
+
+def test_every_profile_of_the_house_loads():
+    for file in (deploy_folder() / "profiles").glob("*.toml"):
+        assert load(file.stem).system.services
+
+
+@pytest.mark.parametrize("path", ["paper", "straight", "s_bend"])
+@pytest.mark.parametrize("person", ["default", "lets_go"])
+def test_paths_and_people_combine(path, person):
+    assert load("demo", path=path, person=person).guided_path.name == path
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "value", "limit"),
+    [
+        ("f_z_N = 1.0", "f_z_N = 60.0", "guiding_controller.f_z_N", "60.0", "49.03 N"),
+        ("f_z_N = 1.0", "f_z_N = -1.0", "guiding_controller.f_z_N", "-1.0", "greater than 0"),
+        ("f_z_N = 1.0", "f_z_N = nan", "guiding_controller.f_z_N", "nan", "finite"),
+        ("f_z_N = 1.0", 'f_z_N = "one"', "guiding_controller.f_z_N", "'one'", "number"),
+        ("f_z_N = 1.0", "f_z_newton = 1.0\nf_z_N = 1.0", "guiding_controller.f_z_newton", "1.0", "not a known key"),
+        ("f_z_N = 1.0", "", "guiding_controller.f_z_N", "", "missing"),
+        ("[world]", "[word]\nx = 1\n[world]", "word", "", "not a known key"),
+        ("b_A_Ns_per_m = 2.4", "M_A_kg = 0.5\nb_A_Ns_per_m = 2.4", "px4_bridge.admittance.M_A_kg", "0.5", "0.9"),
+        ("handle_mass_kg = 0.03", "handle_mass_kg = 0.08", "handle_mass_kg", "0.08", "0.05"),
+        ('"recorder", "simulator"', '"recorder", "simulater"', "system.services", "simulater", "tracker"),
+        ("volume_max_m = [5.0, 3.0, 3.0]", "volume_max_m = [1.0, 3.0, 3.0]", "path.waypoints_m", "", "outside"),
+    ],
+)
+def test_a_wrong_value_is_named_with_its_file_and_limit(tmp_path, old, new, key, value, limit):
+    line = refusal(tmp_path, (old, new))
+    assert key.split(".")[-1] in line
+    assert value in line
+    assert limit in line
+    assert ".toml" in line
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "limit"),
+    [
+        (
+            "[[-2.0, -0.5], [-1.0, -0.03], [0.0, 0.25], [1.0, 0.2], [2.0, 0.0]]",
+            "[[0, 0], [0.1, 0], [0.2, 0]]",
+            "waypoints_m",
+            "0.5 m",
+        ),
+        (
+            "[[-2.0, -0.5], [-1.0, -0.03], [0.0, 0.25], [1.0, 0.2], [2.0, 0.0]]",
+            "[[0, 0], [2, 0], [1, 1.5], [1, -1.5]]",
+            "waypoints_m",
+            "crosses itself",
+        ),
+        (
+            "[[-2.0, -0.5], [-1.0, -0.03], [0.0, 0.25], [1.0, 0.2], [2.0, 0.0]]",
+            "[[0, 0], [1, 0]]",
+            "waypoints_m",
+            "at least 3",
+        ),
+        ("ramp_down_fraction = 0.15", "ramp_down_fraction = 0.0", "ramp_down_fraction", "end at zero"),
+        ("f_start_N = 0.75", "f_start_N = 0.0", "f_start_N", "> 0"),
+        ("name = ", "nam = ", "nam", "unknown key"),
+    ],
+)
+def test_an_unfit_path_is_refused(tmp_path, old, new, key, limit):
+    assert old in PAPER
+    line = refusal(tmp_path, path=PAPER.replace(old, new))
+    assert str(tmp_path / "path.toml") in line
+    assert key in line
+    assert limit in line
+
+
+def test_broken_toml_says_where(tmp_path):
+    assert re.search(r"profile\.toml.*line \d+", refusal(tmp_path, ("[world]", "[world")))
+
+
+def test_an_unknown_name_lists_the_known_ones():
+    with pytest.raises(ConfigError, match="demo"):
+        load("nonsense")
+    with pytest.raises(ConfigError, match="straight"):
+        load("demo", path="nonsense")
+
+
+def test_what_is_derived_can_be_overridden(tmp_path):
+    assert load("demo").force_estimator.observer.m_R_kg == load("demo").vehicle.quadrotor.mass_kg
+    text = DEMO.replace("bandwidth_Hz = 8.0", "m_R_kg = 0.9\nbandwidth_Hz = 8.0", 1)
+    (tmp_path / "wrong_belief.toml").write_text(text)
+    assert load(str(tmp_path / "wrong_belief.toml")).force_estimator.observer.m_R_kg == 0.9
+
+
+def test_the_resolved_configuration_survives_its_file(tmp_path):
+    config = load("demo")
+    (tmp_path / "config.json").write_text(config.model_dump_json())
+    again = load(str(tmp_path / "config.json"))
+    assert isinstance(again, Config)
+    assert again.model_dump() == config.model_dump()
