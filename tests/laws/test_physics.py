@@ -77,3 +77,23 @@ def test_everything_broadcasts() -> None:
     ]
     assert together == pytest.approx(np.array(alone))
     assert physics.norm(v).shape == (2, 4)
+
+
+@given(st.lists(VECTOR, min_size=1, max_size=3))
+def test_taken_apart_and_put_together_it_is_the_same(crowd: list[Array]) -> None:
+    for v in (crowd[0], np.array(crowd)):
+        np.testing.assert_array_equal(physics.vector(*physics.components(v)), v)
+    x, y, _ = physics.components(np.array(crowd))
+    assert physics.vector(1.0, x, y).shape == physics.vector(x, y, 1.0).shape == (len(crowd), 3)
+
+
+@given(st.lists(st.floats(-3.0, 3.0) | st.just(np.nan), min_size=1, max_size=5), st.floats(-1.0, 1.0))
+def test_a_crowd_is_chosen_and_limited_as_each_alone(values: list[float], limit: float) -> None:
+    together = np.array(values)
+    for law in (
+        lambda x: physics.at_least(x, limit),
+        lambda x: physics.clamp(x, -0.5, 0.5 + abs(limit)),
+        lambda x: physics.choose(x > limit, 2.0 * x, -1.0),
+    ):
+        np.testing.assert_array_equal(law(together), [law(value) for value in values])
+    assert physics.anywhere(together > limit) is any(value > limit for value in values)

@@ -9,6 +9,8 @@ import time
 from collections.abc import AsyncGenerator, Callable, Generator, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +23,7 @@ from services.px4_bridge.vehicle import MavsdkVehicle, VehicleError
 from services.simulator.autopilot import STEP_S, Input, Pose, Target
 from services.simulator.cascade import Setpoint
 from services.simulator.commander import Mode
-from services.simulator.mavlink import MavlinkLink
+from services.simulator.mavlink import MavlinkLink, Wire
 from services.simulator.mavlink_streams import streams
 from tests.laws.standin import ABOVE, Standin
 
@@ -175,6 +177,25 @@ def test_what_is_not_set_is_masked(played: Played) -> None:
     assert np.isnan(setpoint.a_W).all()
     assert np.isnan(setpoint.yaw_rad)
     np.testing.assert_array_equal(setpoint.v_W, [np.nan, 0.0, -0.5])
+
+
+def test_the_quick_way_to_send_writes_the_dialects_own_bytes() -> None:
+    def written(send: Callable[[Any], None]) -> list[bytes]:
+        packets = list[bytes]()
+        wire = Wire(SimpleNamespace(write=lambda packet: packets.append(bytes(packet))), 1, 1)
+        for _ in range(2):  # the sequence counts on
+            send(wire)
+        return packets
+
+    imu = (123_456_789, *np.linspace(-9.0, 9.0, 13).tolist(), 63, 0)
+    assert written(lambda wire: wire.send_fields(105, *imu)) == written(lambda wire: wire.highres_imu_send(*imu))
+    motors = [0.25, 0.5, 0.0, 1.0] + [0.0] * 28
+    assert written(lambda wire: wire.send_fields(375, 7, 15, *motors)) == written(
+        lambda wire: wire.actuator_output_status_send(7, 15, motors)
+    )
+    assert written(lambda wire: wire.send_fields(32, 0, *[0.0] * 6)) == written(
+        lambda wire: wire.local_position_ned_send(0, *[0.0] * 6)
+    )
 
 
 def test_every_inertial_sample_arrives_and_none_twice(played: Played) -> None:
