@@ -1,7 +1,8 @@
-"""Geometry of the cascade's inner loops: how far the attitude is off, and which motors turn it.
+"""Geometry of the cascade: limits of speed and tilt, how far the attitude is off, and which motors turn it.
 
 | PX4 | here | unit | frame |
 |---|---|---|---|
+| velocity set-point | first, total | m/s | W |
 | body z of the attitude set-point | thrust_direction_W | - | W |
 | attitude error, twice the vector part of the error quaternion | attitude_error | rad | B |
 | torque set-point, normalised | torque | fraction of the motors' authority | B |
@@ -9,10 +10,49 @@
 Forward-left-up body, z-up world; motors as in quadrotor.py. Everything broadcasts over leading axes.
 """
 
-from services.physics import Array, Scalar, angle, at_least, clamp, components, cos_sin, rotation_rows, scalar, vector
+import math
+
+from services.physics import (
+    Array,
+    Components,
+    Scalar,
+    angle,
+    anywhere,
+    at_least,
+    choose,
+    clamp,
+    components,
+    cos_sin,
+    rotation_rows,
+    scalar,
+    vector,
+)
 from services.simulator.quadrotor import DIAGONAL, FORWARD, LEFT, SPIN
 
 _MOTORS = tuple(zip(FORWARD.tolist(), LEFT.tolist(), SPIN.tolist(), strict=True))
+
+
+def limit_xy(first: Components, total: Components, limit: float) -> Components:
+    """`total` cut to `limit` in the plane so that its part `first` is kept before the rest; x and y."""
+    rest_x, rest_y = total[0] - first[0], total[1] - first[1]
+    size = (first[0] * first[0] + first[1] * first[1]) ** 0.5
+    kept = limit / at_least(size, limit)
+    x, y = first[0] * kept, first[1] * kept
+    a = at_least(rest_x * rest_x + rest_y * rest_y, 1e-12)
+    b = x * rest_x + y * rest_y
+    c = x * x + y * y - limit**2
+    share = clamp((at_least(b * b - a * c, 0.0) ** 0.5 - b) / a, -math.inf, 1.0)
+    return x + rest_x * share, y + rest_y * share
+
+
+def limit_tilt(x: Scalar, y: Scalar, z: Scalar, cos_max: float) -> Components:
+    """A unit vector with its z kept above `cos_max`; what points straight down leans forward, as in PX4."""
+    leans = z < cos_max
+    if not anywhere(leans):
+        return x, y, z
+    forward = x + 1e-12
+    flat = (forward * forward + y * y) ** 0.5 / math.sqrt(1.0 - cos_max**2)
+    return choose(leans, forward / flat, x), choose(leans, y / flat, y), choose(leans, cos_max, z)
 
 
 def attitude_error(q_WB_wxyz: Array, thrust_direction_W: Array, yaw_rad: Scalar, yaw_weight: float) -> Array:

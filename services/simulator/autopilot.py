@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 
 STEP_S = 0.004
 _REQUIRED = (*commander.PARAMETERS, "MPC_LAND_SPEED")
-_NAN, _NAN3 = np.array(np.nan), np.full(3, np.nan)
+_NAN3 = np.full(3, np.nan)
 
 
 @parameters

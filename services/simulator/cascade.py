@@ -35,7 +35,7 @@ from services.physics import (
     vector,
     yaw_from,
 )
-from services.simulator.attitude import attitude_error, mix
+from services.simulator.attitude import attitude_error, limit_tilt, limit_xy, mix
 
 POSITION_LOOP_DIVIDER = 2  # position and velocity loop run at every second call
 _FADING_RATE_RAD_S = math.radians(400.0)  # PX4 fades the rate integrator out towards this error
@@ -222,22 +222,9 @@ def _velocity_setpoint(estimate: Estimate, setpoint: Setpoint, p: Cascade, k: _A
     too_fast = x * x + y * y > p.xy_vel_max_mps**2
     if anywhere(too_fast):
         first = [choose(_unset(c), 0.0, c) for c in correction[:2]]
-        limited = _limit_xy(first, (x, y), p.xy_vel_max_mps)
+        limited = limit_xy(first, (x, y), p.xy_vel_max_mps)
         x, y = choose(too_fast, limited[0], x), choose(too_fast, limited[1], y)
     return x, y, clamp(z, -p.z_vel_max_down_mps, p.z_vel_max_up_mps)
-
-
-def _limit_xy(first: Components, total: Components, limit: float) -> Components:
-    """`total` cut to `limit` in the plane so that its part `first` is kept before the rest; x and y."""
-    rest_x, rest_y = total[0] - first[0], total[1] - first[1]
-    size = (first[0] * first[0] + first[1] * first[1]) ** 0.5
-    kept = limit / at_least(size, limit)
-    x, y = first[0] * kept, first[1] * kept
-    a = at_least(rest_x * rest_x + rest_y * rest_y, 1e-12)
-    b = x * rest_x + y * rest_y
-    c = x * x + y * y - limit**2
-    share = clamp((at_least(b * b - a * c, 0.0) ** 0.5 - b) / a, -math.inf, 1.0)
-    return x + rest_x * share, y + rest_y * share
 
 
 def thrust_vector(a_sp_W: Array, p: Cascade) -> tuple[Array, Scalar]:
@@ -249,19 +236,9 @@ def thrust_vector(a_sp_W: Array, p: Cascade) -> tuple[Array, Scalar]:
     a_x, a_y, a_z = components(a_sp_W)
     up = GRAVITY_MPS2 if p.acc_decouple else GRAVITY_MPS2 + a_z
     size = at_least((a_x * a_x + a_y * a_y + up * up) ** 0.5, 1e-9)
-    x, y, z = _limit_tilt(a_x / size, a_y / size, up / size, math.cos(math.radians(p.tilt_max_deg)))
+    x, y, z = limit_tilt(a_x / size, a_y / size, up / size, math.cos(math.radians(p.tilt_max_deg)))
     vertical = p.hover_thrust * (1.0 + a_z / GRAVITY_MPS2)
     return vector(x, y, z), at_least(vertical / z, p.thr_min)
-
-
-def _limit_tilt(x: Scalar, y: Scalar, z: Scalar, cos_max: float) -> Components:
-    """Straight down leans forward, as in PX4."""
-    leans = z < cos_max
-    if not anywhere(leans):
-        return x, y, z
-    forward = x + 1e-12
-    flat = (forward * forward + y * y) ** 0.5 / math.sqrt(1.0 - cos_max**2)
-    return choose(leans, forward / flat, x), choose(leans, y / flat, y), choose(leans, cos_max, z)
 
 
 def _saturate(direction: Array, thrust: Scalar, p: Cascade) -> tuple[Array, Scalar]:

@@ -83,7 +83,7 @@ Behaviour = tuple[Event, ...]
 
 def u_H(t_s: float, state: HumanState, script: Behaviour, p: Human) -> Array:
     """The person's own force at time `t_s` in N, (..., 3), horizontal."""
-    total = np.zeros_like(state.v_H_W)
+    total = 0.0 * state.v_H_W
     for event in script:
         if event.covers(t_s):
             total = total + _deed(event, state, p)

@@ -17,6 +17,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common as dialect
+from pymavlink.generator.mavcrc import x25crc
 
 from schemas import frames
 from services.simulator.autopilot import STEP_S, AutopilotState, Input, Output, Pose, Sensors, Target
@@ -42,7 +43,26 @@ _LOCAL_NED = 1
 _FORCE_SETPOINT, _IGNORE_YAW = 1 << 9, 1 << 10
 _INT32, _REAL32 = 6, 9
 _WARNING = 4
+_MAGIC = b"\xfd"
+_HEADER = struct.Struct("<BBBBBBHB")  # what follows the magic byte: length, flags, sequence, sender, message
 _MODES = {code: mode for mode, code in CUSTOM_MODE.items() if mode is not Mode.DESCEND}
+
+
+class Wire(dialect.MAVLink):
+    """The dialect with a second, quicker way to send."""
+
+    def send_fields(self, message_id: int, *fields: float) -> None:
+        """A message without its object, at a third of the cost: for what goes out 250 times a second.
+
+        The fields come in the order of the wire, arrays flat; trailing zeros do not travel.
+        """
+        kind = dialect.mavlink_map[message_id]
+        payload = kind.unpacker.pack(*fields).rstrip(b"\0") or b"\0"
+        low, high = message_id & 0xFFFF, message_id >> 16
+        packet = _HEADER.pack(len(payload), 0, 0, self.seq, self.srcSystem, self.srcComponent, low, high) + payload
+        crc = x25crc(packet + bytes((kind.crc_extra,))).crc
+        self.file.write(_MAGIC + packet + crc.to_bytes(2, "little"))
+        self.seq = (self.seq + 1) % 256
 
 
 class MavlinkLink:
@@ -58,7 +78,7 @@ class MavlinkLink:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         self._socket.bind(("", local_port))
-        self._mav = dialect.MAVLink(self, _SYSTEM, _AUTOPILOT)
+        self._mav = Wire(self, _SYSTEM, _AUTOPILOT)
         self._mav.robust_parsing = True
         self._datagram = bytearray()
         self._streams = streams()
@@ -86,8 +106,12 @@ class MavlinkLink:
     def send(self, state: AutopilotState, sensors: Sensors, output: Output) -> None:
         """Send answers, remarks and every stream that is due at the vehicle's time."""
         now = Moment(state, sensors, round(state.t_s * 1e6))
+        soon_us = now.time_us + 0.5e6 * STEP_S
         for stream in self._streams:
-            if stream.is_due(now.time_us, 0.5e6 * STEP_S) or stream.message_id in self._asked:
+            is_due = stream.due_us <= soon_us
+            if is_due:
+                stream.schedule(now.time_us)
+            if is_due or stream.message_id in self._asked:
                 stream.encode(self._mav, now)
                 self.sent[stream.message_id] = self.sent.get(stream.message_id, 0) + 1
         self._asked.clear()
@@ -152,11 +176,12 @@ class MavlinkLink:
         if message.coordinate_frame != _LOCAL_NED or message.type_mask & _FORCE_SETPOINT:
             return
         mask = message.type_mask
-        p = _unmasked((message.x, message.y, message.z), mask)
-        v = _unmasked((message.vx, message.vy, message.vz), mask >> 3)
-        a = _unmasked((message.afx, message.afy, message.afz), mask >> 6)
-        yaw = np.nan if mask & _IGNORE_YAW else frames.yaw_ned_from_enu(message.yaw)
-        self._inputs.append(Target(Setpoint(p, v, a, np.array(yaw))))
+        sent = (message.x, message.y, message.z, message.vx, message.vy, message.vz)
+        sent += (message.afx, message.afy, message.afz)
+        kept = [math.nan if mask >> bit & 1 else value for bit, value in enumerate(sent)]
+        p, v, a = frames.enu_from_ned(np.array(kept).reshape(3, 3))
+        yaw = math.nan if mask & _IGNORE_YAW else frames.yaw_ned_from_enu(message.yaw)
+        self._inputs.append(Target(Setpoint(p, v, a, yaw)))
 
     def _on_pose(self, message: Any) -> None:
         self._inputs.append(Pose(frames.enu_from_ned(np.array((message.x, message.y, message.z)))))
@@ -230,12 +255,6 @@ class MavlinkLink:
 
 def _is_for_us(message: Any) -> bool:
     return getattr(message, "target_system", 0) in (0, _SYSTEM)
-
-
-def _unmasked(components_NED: tuple[float, float, float], ignored: int) -> Array:
-    """ENU vector in which the components that the type mask ignores are NaN."""
-    kept = [np.nan if ignored >> axis & 1 else value for axis, value in enumerate(components_NED)]
-    return frames.enu_from_ned(np.array(kept))
 
 
 def _whole(value: float) -> int:

@@ -1,22 +1,18 @@
 """What the stand-in autopilot sends, message by message, in MAVLink's frames and units.
 
-Rates are PX4's defaults for a companion's link; whoever wants more asks for it with MAV_CMD_SET_MESSAGE_INTERVAL, and
-gets no more than PX4 gives. Motor outputs are fractions of full thrust.
+Rates are PX4's defaults for a companion's link, but for the set-points in force, which it shows to nobody who has not
+asked. Whoever wants more asks for it with MAV_CMD_SET_MESSAGE_INTERVAL, and gets no more than PX4 gives. Motor outputs
+are fractions of full thrust.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from schemas import frames
 from services.simulator.autopilot import AutopilotState, Sensors
 from services.simulator.commander import Mode
-
-Array = NDArray[np.float64]
-
 
 CUSTOM_MODE = {  # PX4's main mode << 16 | sub mode << 24; it shows Descend as Land
     Mode.OFFBOARD: 6 << 16,
@@ -30,6 +26,8 @@ _STANDBY, _ACTIVE, _TERMINATED = 3, 4, 8
 _ON_GROUND, _IN_AIR = 1, 2
 _BATTERY_CELL_V = 3.5
 _NOT_SET = 65535
+_ATTITUDE_QUATERNION, _ACTUATOR_OUTPUT_STATUS, _HIGHRES_IMU, _LOCAL_POSITION_NED = 31, 375, 105, 32
+_UNUSED_OUTPUTS = (0.0,) * 28
 _ACCEPTED_FIELDS = 63  # accelerometer and gyro are new in this sample
 
 
@@ -65,17 +63,17 @@ def _extended_sys_state(mav: Any, now: Moment) -> None:
 def _attitude_quaternion(mav: Any, now: Moment) -> None:
     q = frames.q_ned_frd_from_enu_flu(now.sensors.q_WB_wxyz).tolist()
     rate = frames.frd_from_flu(now.sensors.omega_B).tolist()
-    mav.attitude_quaternion_send(now.time_us // 1000, *q, *rate)
+    mav.send_fields(_ATTITUDE_QUATERNION, now.time_us // 1000, *q, *rate, 0.0, 0.0, 0.0, 0.0)
 
 
 def _actuator_output_status(mav: Any, now: Moment) -> None:
-    mav.actuator_output_status_send(now.time_us, 0b1111, now.state.motors.tolist() + [0.0] * 28)
+    mav.send_fields(_ACTUATOR_OUTPUT_STATUS, now.time_us, 0b1111, *now.state.motors.tolist(), *_UNUSED_OUTPUTS)
 
 
 def _highres_imu(mav: Any, now: Moment) -> None:
     force = frames.frd_from_flu(now.sensors.specific_force_B).tolist()
     rate = frames.frd_from_flu(now.sensors.omega_B).tolist()
-    mav.highres_imu_send(now.time_us, *force, *rate, 0, 0, 0, 0, 0, 0, 0, _ACCEPTED_FIELDS)
+    mav.send_fields(_HIGHRES_IMU, now.time_us, *force, *rate, 0, 0, 0, 0, 0, 0, 0, _ACCEPTED_FIELDS, 0)
 
 
 def _local_position_ned(mav: Any, now: Moment) -> None:
@@ -83,7 +81,7 @@ def _local_position_ned(mav: Any, now: Moment) -> None:
     if now.state.has_position:
         p = frames.ned_from_enu(now.state.estimate.p_W).tolist()
         v = frames.ned_from_enu(now.state.estimate.v_W).tolist()
-        mav.local_position_ned_send(now.time_us // 1000, *p, *v)
+        mav.send_fields(_LOCAL_POSITION_NED, now.time_us // 1000, *p, *v)
 
 
 def _position_target_local_ned(mav: Any, now: Moment) -> None:
@@ -122,15 +120,12 @@ class Stream:
     def set_interval(self, interval_us: float) -> None:
         """As MAV_CMD_SET_MESSAGE_INTERVAL has it: 0 is the default, -1 is never."""
         wanted_Hz = self.default_Hz if interval_us == 0.0 else 1e6 / interval_us
-        self.interval_us = 1e6 / min(wanted_Hz, self.max_Hz) if wanted_Hz > 0.0 else np.inf
-        self.due_us = 0.0 if np.isfinite(self.interval_us) else np.inf
+        self.interval_us = 1e6 / min(wanted_Hz, self.max_Hz) if wanted_Hz > 0.0 else math.inf
+        self.due_us = 0.0 if math.isfinite(self.interval_us) else math.inf
 
-    def is_due(self, time_us: int, slack_us: float) -> bool:
-        """Whether to send now; a stream that fell behind does not catch up."""
-        if time_us + slack_us < self.due_us:
-            return False
+    def schedule(self, time_us: int) -> None:
+        """One is sent now: when the next is due. A stream that fell behind does not catch up."""
         self.due_us = max(self.due_us, time_us - self.interval_us) + self.interval_us
-        return True
 
 
 def streams() -> tuple[Stream, ...]:
@@ -141,10 +136,10 @@ def streams() -> tuple[Stream, ...]:
         Stream(147, _battery_status, 0.5, 10.0),
         Stream(245, _extended_sys_state, 5.0, 50.0),
         Stream(148, _autopilot_version, 0.0, 1.0),
-        Stream(31, _attitude_quaternion, 50.0, 250.0),
-        Stream(375, _actuator_output_status, 10.0, 250.0),
-        Stream(83, _attitude_target, 10.0, 125.0),
-        Stream(105, _highres_imu, 50.0, 250.0),
-        Stream(32, _local_position_ned, 30.0, 125.0),
-        Stream(85, _position_target_local_ned, 10.0, 125.0),
+        Stream(_ATTITUDE_QUATERNION, _attitude_quaternion, 50.0, 250.0),
+        Stream(_ACTUATOR_OUTPUT_STATUS, _actuator_output_status, 10.0, 250.0),
+        Stream(83, _attitude_target, 0.0, 125.0),
+        Stream(_HIGHRES_IMU, _highres_imu, 50.0, 250.0),
+        Stream(_LOCAL_POSITION_NED, _local_position_ned, 30.0, 125.0),
+        Stream(85, _position_target_local_ned, 0.0, 125.0),
     )
