@@ -10,7 +10,7 @@ from services.recorder.reading import read
 from services.simulator.autopilot import STEP_S
 from tests.system.demo_profile import run, write_profile
 
-STARVED = 0.05
+STARVED = 0.01
 """Share of the simulated world's periods that were missed: beyond it the host could not keep the world in real time."""
 
 
