@@ -76,8 +76,8 @@ class Loop:
         self, vehicle: Vehicle, M_A_kg: Array, p_R: Array, bandwidth_Hz: float, latency: Latency | None
     ) -> None:
         self.vehicle = vehicle
-        # Laws broadcast over parameters as well: one column of masses serves the whole batch.
-        self.filter = Admittance(M_A_kg=cast(float, M_A_kg[:, None]), **FILTER)
+        # Laws broadcast over parameters as well: a scalar of the law may be an array (...) of the batch.
+        self.filter = Admittance(M_A_kg=cast(float, M_A_kg), **FILTER)
         self.observer = Observer(m_R_kg=vehicle.body.mass_kg, bandwidth_Hz=bandwidth_Hz)
         self.flight = Flight(vehicle, p_R, latency)
         self.reference = admittance.engage(p_R)

@@ -174,23 +174,25 @@ def load(profile: str, *, path: str = "", person: str = "", seed: int | None = N
         return _validate(file, _read(file), {})
     data = _read(file)
     system: dict[str, Any] = data.setdefault("system", {})
+    if not isinstance(system, dict):  # pyright: ignore[reportUnnecessaryIsInstance]  (a file may say anything)
+        raise ConfigError(f"{file}: system = {system!r}: must be a table")
     system.update({k: v for k, v in (("path", path), ("person", person), ("seed", seed)) if v not in ("", None)})
     files: dict[str, Path] = {}
     for section, folder in (("vehicle", "vehicles"), ("path", "paths"), ("person", "people")):
         if section not in system:
             raise ConfigError(f"{file}: system.{section}: is missing")
-        files[section] = _find(folder, str(system[section]))
+        files[section] = _find(folder, str(system[section]), f"{file}: system.{section} = ")
         data[section] = _read(files[section])
     _derive(data)
     return _validate(file, data | {"session_dir": session_dir}, files)
 
 
-def _find(folder: str, name: str) -> Path:
+def _find(folder: str, name: str, asked_by: str = "") -> Path:
     for candidate in (Path(name), deploy_folder() / folder / f"{name}.toml"):
         if candidate.is_file():
             return candidate
     known = sorted(f.stem for f in (deploy_folder() / folder).glob("*.toml"))
-    raise ConfigError(f"{name}: no such file, and not one of {', '.join(known)} in {folder}/")
+    raise ConfigError(f"{asked_by}{name}: no such file, and not one of {', '.join(known)} in {folder}/")
 
 
 def _read(file: Path) -> dict[str, Any]:
@@ -210,8 +212,12 @@ def _validate(file: Path, data: dict[str, Any], files: dict[str, Path]) -> Confi
 
 
 def _lines(error: ValidationError, file: Path, files: dict[str, Path]) -> Iterator[str]:
-    """One line per fault, in the file where it stands."""
-    for fault in error.errors():
+    """One line per fault, in the file where it stands; what follows from a fault is not told again."""
+    faults = [(".".join(map(str, fault["loc"])), fault) for fault in error.errors()]
+    places = {place for place, _ in faults}
+    for place, fault in faults:
+        if places & _origins(place):
+            continue
         parts = [str(part) for part in fault["loc"]]
         message = fault["msg"].removeprefix("Value error, ")
         if not parts:  # a limit across sections: the message begins with its key
@@ -224,6 +230,12 @@ def _lines(error: ValidationError, file: Path, files: dict[str, Path]) -> Iterat
             key = f"{key}, from {source}"
         shown = "" if fault["type"] in ("missing", "missing_argument") else f" = {fault['input']!r}"
         yield f"{where}: {key}{shown}: {_plain(fault['type'], message)}"
+
+
+def _origins(place: str) -> set[str]:
+    """Where a value was taken from, if it was derived: the key and the tables it is in."""
+    found = [source + place[len(t) :] for t, source in _SOURCES.items() if f"{place}.".startswith(f"{t}.")]
+    return {".".join(key.split(".")[:n]) for key in found for n in range(1, key.count(".") + 2)}
 
 
 def _plain(kind: str, message: str) -> str:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from services.parameters import NonNegative, Positive, parameters
-from services.physics import Array, low_pass_gain, norm
+from services.physics import Array, Scalar, at_least, choose, components, norm, scalar, vector
 
 
 @parameters
@@ -87,9 +87,9 @@ def watch(
     change: Array,
     f_c: Array,
     l_c: Array,
-    seen: ArrayLike,
-    held: ArrayLike,
-    dt: ArrayLike,
+    seen: Scalar,
+    held: Scalar,
+    dt: Scalar,
     rest_length_m: float,
     p: Bias,
 ) -> Array:
@@ -98,14 +98,15 @@ def watch(
     Taut (or slack by less than the margin): what is across the cable is bias. Held and slack by more: all of it is.
     Handle not seen, or slack in nobody's hand (it may lie on something, or fall): frozen.
     """
-    length = norm(l_c)
-    l_hat = l_c / np.maximum(length, 1e-9)[..., None]
-    rest = f_c - change
-    across = rest - np.sum(rest * l_hat, axis=-1)[..., None] * l_hat
-    slack = length < rest_length_m - p.slack_margin_m
-    evidence = np.where((slack & np.asarray(held))[..., None], rest, np.where(slack[..., None], 0.0, across))
-    gain = np.asarray(low_pass_gain(1.0 / p.watch_s, np.asarray(dt)))[..., None]
-    return change + np.where(np.asarray(seen)[..., None], gain * evidence, 0.0)
+    l_xyz, change_xyz = components(l_c), components(change)
+    rest = [f - c for f, c in zip(components(f_c), change_xyz, strict=True)]
+    length2 = sum(x * x for x in l_xyz)
+    slack = length2**0.5 < rest_length_m - p.slack_margin_m
+    along = sum(r * x for r, x in zip(rest, l_xyz, strict=True)) / at_least(length2, 1e-18)
+    along = choose(slack, 0.0, along)  # what is along a taut cable is no bias
+    counts = choose(slack, held, True) & seen
+    gain = choose(counts, 1.0 - scalar(np.exp(-dt / p.watch_s)), 0.0)
+    return vector(*(c + gain * (r - along * x) for c, r, x in zip(change_xyz, rest, l_xyz, strict=True)))
 
 
 def is_slack(l_c: Array, rest_length_m: float, margin_m: float) -> NDArray[np.bool_]:

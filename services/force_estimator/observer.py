@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from services.parameters import Positive, parameters
-from services.physics import Array, low_pass_gain, rotate
+from services.physics import Array, Scalar, components, rotate, scalar, vector
 
 
 @parameters
@@ -40,17 +40,15 @@ def start(shape: tuple[int, ...] = ()) -> State:
     return State(np.zeros((*shape, 3)))
 
 
-def raw(a_B: Array, q_WB_wxyz: Array, thrust_N: float | Array, m_R_kg: float) -> Array:
+def raw(a_B: Array, q_WB_wxyz: Array, thrust_N: Scalar, m_R_kg: float) -> Array:
     """R (m a_imu - T e_3) in N, W, (..., 3)."""
-    force_B = m_R_kg * a_B
-    force_B[..., 2] -= thrust_N
-    return rotate(q_WB_wxyz, force_B)
+    x, y, z = components(a_B)
+    return rotate(q_WB_wxyz, vector(m_R_kg * x, m_R_kg * y, m_R_kg * z - thrust_N))
 
 
-def step(
-    state: State, a_B: Array, q_WB_wxyz: Array, thrust_N: float | Array, dt: float | Array, p: Observer
-) -> tuple[State, Array]:
+def step(state: State, a_B: Array, q_WB_wxyz: Array, thrust_N: Scalar, dt: Scalar, p: Observer) -> tuple[State, Array]:
     """One IMU sample, `dt` s after the last; returns the state and f̂_c on the handle in N, W, (..., 3)."""
-    gain = np.asarray(low_pass_gain(2.0 * np.pi * p.bandwidth_Hz, np.asarray(dt)))[..., None]
-    f_ext = state.f_ext + gain * (raw(a_B, q_WB_wxyz, thrust_N, p.m_R_kg) - state.f_ext)
+    gain = 1.0 - scalar(np.exp(-2.0 * np.pi * p.bandwidth_Hz * dt))
+    now = components(raw(a_B, q_WB_wxyz, thrust_N, p.m_R_kg))
+    f_ext = vector(*(f + gain * (new - f) for f, new in zip(components(state.f_ext), now, strict=True)))
     return State(f_ext), -f_ext

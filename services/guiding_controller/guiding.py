@@ -18,15 +18,15 @@ axes.
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from services.cable import Cable
 from services.guiding_controller import maneuver
 from services.guiding_controller.path import Path, project
 from services.parameters import Positive, parameters
-from services.physics import Array, norm, saturate
+from services.physics import Array, Scalar, at_least, choose, clamp, components, scalar, vector
 
-Flags = NDArray[np.bool_]
+Flags = Scalar
+"""A bool; of a crowd an array (...,) of them."""
 HORIZONTAL = np.array([1.0, 1.0, 0.0])
 
 
@@ -45,8 +45,8 @@ class Guiding:
 class State(NamedTuple):
     """s* in [0, 1] and the ramp of u_A,xy in [0, 1], both (...)."""
 
-    s: Array
-    scale: Array
+    s: Scalar
+    scale: Scalar
 
 
 class Input(NamedTuple):
@@ -61,20 +61,20 @@ class Input(NamedTuple):
 class Guidance(NamedTuple):
     """What the bridge needs (p_R_d, f_d, scale), and what the record needs; units as in the table above."""
 
-    s: Array
-    s_nearest: Array  # the projection before the bound on its rate
-    scale: Array  # of u_A,xy, 0 at once when nobody holds the handle
+    s: Scalar
+    s_nearest: Scalar  # the projection before the bound on its rate
+    scale: Scalar  # of u_A,xy, 0 at once when nobody holds the handle
     p_H_d: Array
     p_R_d: Array
     f_d: Array
     u_A: Array
-    e_H_m: Array  # ‖p_H^d(s*) - p_H‖, horizontal
+    e_H_m: Scalar  # ‖p_H^d(s*) - p_H‖, horizontal
 
 
 def start(p_H: Array, path: Path) -> State:
     """s* by the global projection of the hand, nothing ramped in yet."""
     s = project(p_H, path)
-    return State(s, np.zeros_like(s))
+    return State(s, 0.0 * s)
 
 
 def step(state: State, x: Input, dt: float, path: Path, p: Guiding, cable: Cable) -> tuple[State, Guidance]:
@@ -83,21 +83,20 @@ def step(state: State, x: Input, dt: float, path: Path, p: Guiding, cable: Cable
     s* moves, in either direction and at most at `s_rate_max_mps`, only while the handle is held in guiding. So does
     the ramp of the horizontal force; without a hand the force is zero at once.
     """
-    active = x.held & x.guiding
-    s_nearest = project(x.p_H, path, state.s, p.window_m)
+    active, last = x.held & x.guiding, scalar(state.s)
+    s_nearest = project(x.p_H, path, last, p.window_m)
     bound = p.s_rate_max_mps * dt / path.length_m
-    s = np.where(active, state.s + np.clip(s_nearest - state.s, -bound, bound), state.s)
-    scale = np.where(active, np.minimum(state.scale + dt / p.ramp_s, 1.0), 0.0)
-    p_H_d, f_d = path.p(s), maneuver.f_d(s, path, p.f_z_N)
-    p_R_d = maneuver.p_R_d(s, path, p.f_z_N, cable)
-    u_A = paper_u_A(p_R_d, f_d, x.p_R, scale, p)
-    e_H = norm((p_H_d - x.p_H) * HORIZONTAL)
-    return State(s, scale), Guidance(s, s_nearest, scale, p_H_d, p_R_d, f_d, u_A, e_H)
+    s = scalar(choose(active, last + clamp(s_nearest - last, -bound, bound), last))
+    scale = choose(active, clamp(state.scale + dt / p.ramp_s, 0.0, 1.0), 0.0)
+    wanted = maneuver.at(s, path, p.f_z_N, cable)
+    u_A = paper_u_A(wanted.p_R_d, wanted.f_d, x.p_R, scale, p)
+    e_x, e_y, _ = components(wanted.p_H_d - x.p_H)
+    e_H = (e_x * e_x + e_y * e_y) ** 0.5
+    return State(s, scale), Guidance(s, s_nearest, scale, wanted.p_H_d, wanted.p_R_d, wanted.f_d, u_A, e_H)
 
 
-def paper_u_A(p_R_d: Array, f_d: Array, p_R: Array, scale: Array, p: Guiding) -> Array:
+def paper_u_A(p_R_d: Array, f_d: Array, p_R: Array, scale: Scalar, p: Guiding) -> Array:
     """u_A = K_H sat(p_R^d - p_R) + f^d in N, (..., 3), its horizontal part times `scale` (...)."""
-    e_R = saturate((p_R_d - p_R) * HORIZONTAL, p.e_R_max_m)
-    u_A = p.k_H_N_per_m * e_R + f_d
-    u_A[..., :2] *= scale[..., None]
-    return u_A
+    (e_x, e_y, _), (f_x, f_y, f_z) = components(p_R_d - p_R), components(f_d)
+    k = p.k_H_N_per_m / at_least((e_x * e_x + e_y * e_y) ** 0.5 / p.e_R_max_m, 1.0)
+    return vector(scale * (k * e_x + f_x), scale * (k * e_y + f_y), f_z)

@@ -10,28 +10,46 @@ Source: the paper's maneuver and maneuver regulation, with E6: p_R^d follows fro
 (...).
 """
 
-import numpy as np
+from typing import NamedTuple
 
 from services import cable
 from services.guiding_controller.path import Path, Trapezoid
-from services.physics import Array
+from services.physics import Array, Scalar, choose, clamp, components, vector
 
 
-def f_xy(s: Array, profile: Trapezoid) -> Array:
+class Point(NamedTuple):
+    """η at s: p_H^d in m, f^d in N and p_R^d in m, each (..., 3)."""
+
+    p_H_d: Array
+    f_d: Array
+    p_R_d: Array
+
+
+def at(s: Scalar, path: Path, f_z_N: float, p: cable.Cable) -> Point:
+    """All of η(s); a robot that rests at p_R^d carries f^d from p_H^d."""
+    p_H_d, t_hat = path.p_and_t_hat(s)
+    force = _force(s, t_hat, path.force, f_z_N)
+    return Point(p_H_d, force, p_H_d + cable.offset(force, p))
+
+
+def f_xy(s: Scalar, profile: Trapezoid) -> Scalar:
     """Horizontal pull along the path in N, (...): a trapezoid, positive for every s < 1 and 0 at s = 1."""
     rise = profile.f_max_N - profile.f_start_N
-    up = profile.f_start_N + rise * np.clip(s / max(profile.ramp_up_fraction, 1e-9), 0.0, 1.0)
-    down = profile.f_max_N * np.clip((1.0 - s) / profile.ramp_down_fraction, 0.0, 1.0)
-    return np.minimum(up, down)
+    up = profile.f_start_N + rise * clamp(s / max(profile.ramp_up_fraction, 1e-9), 0.0, 1.0)
+    down = profile.f_max_N * clamp((1.0 - s) / profile.ramp_down_fraction, 0.0, 1.0)
+    return choose(up < down, up, down)
 
 
-def f_d(s: Array, path: Path, f_z_N: float) -> Array:
+def f_d(s: Scalar, path: Path, f_z_N: float) -> Array:
     """f^d(s), the cable force wanted on the handle in N, (..., 3)."""
-    force = f_xy(s, path.force)[..., None] * path.t_hat(s)
-    force[..., 2] = f_z_N
-    return force
+    return _force(s, path.t_hat(s), path.force, f_z_N)
 
 
-def p_R_d(s: Array, path: Path, f_z_N: float, p: cable.Cable) -> Array:
-    """p_R^d(s), where a resting robot carries f^d(s) from p_H^d(s), in m, (..., 3)."""
-    return path.p(s) + cable.offset(f_d(s, path, f_z_N), p)
+def p_R_d(s: Scalar, path: Path, f_z_N: float, p: cable.Cable) -> Array:
+    """p_R^d(s) in m, (..., 3)."""
+    return at(s, path, f_z_N, p).p_R_d
+
+
+def _force(s: Scalar, t_hat: Array, profile: Trapezoid, f_z_N: float) -> Array:
+    pull, (x, y, _) = f_xy(s, profile), components(t_hat)
+    return vector(pull * x, pull * y, f_z_N)

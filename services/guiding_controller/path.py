@@ -12,7 +12,6 @@ The path lies in the plane z = Path.z_m, the height of the hand (the paper's z =
 (...) and p_H (..., 3).
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,11 +19,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
+from services.guiding_controller.spline import Cubic
 from services.parameters import Fraction, Positive, parameters
-from services.physics import Array
+from services.physics import Array, Row, Scalar, at_least, clamp, components, scalar, vector
 
 SAMPLES = 513
-Curve = Callable[..., Any]
+GRID = np.linspace(0.0, 1.0, SAMPLES)
+SPACING = 1.0 / (SAMPLES - 1)
 
 
 @parameters
@@ -57,31 +58,38 @@ class Path:
     samples_m: Array
     force: Trapezoid
     obstacles: tuple[Obstacle, ...]
-    xy_of_u: Curve
-    u_of_s: Curve
+    xy_of_u: Cubic
+    u_of_s: Cubic
 
     def p(self, s: ArrayLike) -> Array:
         """p_H^d(s) in m, (..., 3); s outside [0, 1] counts as the nearer end."""
-        return _with_z(self.xy_of_u(self._u(s)), self.z_m)
+        return self.p_and_t_hat(s)[0]
 
     def t_hat(self, s: ArrayLike) -> Array:
         """Unit tangent in the direction of the walk, (..., 3)."""
-        d = np.asarray(self.xy_of_u(self._u(s), 1))
-        return _with_z(d / np.hypot(d[..., 0], d[..., 1])[..., None], 0.0)
+        return self.p_and_t_hat(s)[1]
+
+    def p_and_t_hat(self, s: ArrayLike) -> tuple[Array, Array]:
+        """Both at once, each (..., 3)."""
+        (x, dx, _), (y, dy, _) = self.xy(s)
+        speed = (dx * dx + dy * dy) ** 0.5
+        return vector(x, y, self.z_m), vector(dx / speed, dy / speed, 0.0)
 
     def normal(self, s: ArrayLike) -> Array:
         """Unit normal in the plane, to the left of the walk, (..., 3)."""
-        t = self.t_hat(s)
-        return np.stack((-t[..., 1], t[..., 0], t[..., 2]), axis=-1)
+        x, y, z = components(self.t_hat(s))
+        return vector(-y, x, z)
 
-    def curvature(self, s: ArrayLike) -> Array:
+    def curvature(self, s: ArrayLike) -> Scalar:
         """Signed curvature in 1/m, (...): positive bends to the left."""
-        u = self._u(s)
-        d, dd = np.asarray(self.xy_of_u(u, 1)), np.asarray(self.xy_of_u(u, 2))
-        return (d[..., 0] * dd[..., 1] - d[..., 1] * dd[..., 0]) / np.hypot(d[..., 0], d[..., 1]) ** 3
+        (_, dx, ddx), (_, dy, ddy) = self.xy(s)
+        return (dx * ddy - dy * ddx) / (dx * dx + dy * dy) ** 1.5
 
-    def _u(self, s: ArrayLike) -> Array:
-        return np.clip(self.u_of_s(np.clip(s, 0.0, 1.0)), 0.0, 1.0)
+    def xy(self, s: ArrayLike) -> tuple[Row, Row]:
+        """x and y in m with their first two derivatives by the spline's own parameter."""
+        ((u, _, _),) = self.u_of_s.at(clamp(scalar(np.asarray(s, dtype=np.float64)), 0.0, 1.0))
+        x, y = self.xy_of_u.at(clamp(u, 0.0, 1.0))
+        return x, y
 
 
 def through(
@@ -97,9 +105,9 @@ def through(
     chord = np.hypot(*np.diff(w, axis=0).T)
     if np.min(chord) < 1e-6:
         raise ValueError(f"waypoints_m: points {np.argmin(chord)} and {np.argmin(chord) + 1} are the same")
-    xy: Curve = CubicSpline(np.append(0.0, np.cumsum(chord)) / np.sum(chord), w, bc_type="not-a-knot")
+    xy: Any = CubicSpline(np.append(0.0, np.cumsum(chord)) / np.sum(chord), w, bc_type="not-a-knot")
     length_m, u_of_s = _by_arc_length(xy)
-    samples = np.asarray(xy(u_of_s(np.linspace(0.0, 1.0, SAMPLES))))
+    samples = np.asarray(xy(u_of_s(GRID)))
     return Path(
         name=name,
         waypoints_m=w,
@@ -108,12 +116,12 @@ def through(
         samples_m=samples,
         force=force,
         obstacles=obstacles,
-        xy_of_u=xy,
-        u_of_s=u_of_s,
+        xy_of_u=Cubic(xy),
+        u_of_s=Cubic(u_of_s),
     )
 
 
-def project(p_H: Array, path: Path, s_guess: ArrayLike | None = None, window_m: float = 0.5) -> Array:
+def project(p_H: Array, path: Path, s_guess: ArrayLike | None = None, window_m: float = 0.5) -> Scalar:
     """s* = argmin_s ‖p_H^d(s) - p_H‖ over the horizontal distance, (...): pathProjection.
 
     Without `s_guess` the minimum is global. With it, only points within `window_m` along the path from it count (G4):
@@ -121,34 +129,31 @@ def project(p_H: Array, path: Path, s_guess: ArrayLike | None = None, window_m: 
     branch for good keeps s* at the edge of the window, which the bound on the rate of s* in `guiding` turns into a
     slow walk.
     """
-    q = p_H[..., :2]
-    grid = np.linspace(0.0, 1.0, SAMPLES)
-    d = path.samples_m - q[..., None, :]
-    d2 = d[..., 0] ** 2 + d[..., 1] ** 2
-    lo, hi = np.zeros(q.shape[:-1]), np.ones(q.shape[:-1])
+    x, y, *_ = components(p_H)
+    d2 = np.subtract.outer(x, path.samples_m[:, 0]) ** 2 + np.subtract.outer(y, path.samples_m[:, 1]) ** 2
+    lo, hi = 0.0, 1.0
     if s_guess is not None:
-        guess, reach = np.asarray(s_guess, dtype=np.float64), window_m / path.length_m
-        lo, hi = np.maximum(guess - reach, 0.0), np.minimum(guess + reach, 1.0)
-        d2 = np.where((grid >= lo[..., None]) & (grid <= hi[..., None]), d2, np.inf)
-    s = grid[np.argmin(d2, axis=-1)]
-    lo, hi = np.maximum(lo, s - grid[1]), np.minimum(hi, s + grid[1])
+        guess, reach = scalar(np.asarray(s_guess, dtype=np.float64)), window_m / path.length_m
+        lo, hi = at_least(guess - reach, 0.0), clamp(guess + reach, 0.0, 1.0)
+        d2 = np.where(np.less_equal.outer(lo, GRID) & np.greater_equal.outer(hi, GRID), d2, np.inf)
+    s = scalar(GRID[np.argmin(d2, axis=-1)])
+    lo, hi = at_least(s - SPACING, lo), clamp(s + SPACING, 0.0, hi)
     for _ in range(2):  # samples are 8 mm apart on the reference path, and Newton squares the error
-        s = np.clip(s + _newton_step(s, q, path), lo, hi)
+        s = clamp(s + _newton_step(s, x, y, path), lo, hi)
     return s
 
 
-def _newton_step(s: Array, q: Array, path: Path) -> Array:
+def _newton_step(s: Scalar, x: Scalar, y: Scalar, path: Path) -> Scalar:
     """-g/g' of g = (p - q)·t̂; near the centre of curvature, where g' vanishes, the caller's bracket holds the
     step."""
-    u = path.u_of_s(s)
-    r, d, dd = path.xy_of_u(u) - q, np.asarray(path.xy_of_u(u, 1)), np.asarray(path.xy_of_u(u, 2))
-    speed2 = d[..., 0] ** 2 + d[..., 1] ** 2
-    g = (r[..., 0] * d[..., 0] + r[..., 1] * d[..., 1]) / np.sqrt(speed2)
-    bend = (d[..., 0] * dd[..., 1] - d[..., 1] * dd[..., 0]) * (r[..., 1] * d[..., 0] - r[..., 0] * d[..., 1])
-    return -g / np.maximum(1.0 + bend / speed2**2, 0.1) / path.length_m
+    (x_d, dx, ddx), (y_d, dy, ddy) = path.xy(s)
+    r_x, r_y, speed2 = x_d - x, y_d - y, dx * dx + dy * dy
+    g = (r_x * dx + r_y * dy) / speed2**0.5
+    bend = (dx * ddy - dy * ddx) * (r_y * dx - r_x * dy)
+    return -g / at_least(1.0 + bend / speed2**2, 0.1) / path.length_m
 
 
-def _by_arc_length(xy: Curve) -> tuple[float, Curve]:
+def _by_arc_length(xy: Any) -> tuple[float, Any]:
     """Length in m and u(s): 5-point Gauss on 1000 pieces, then a Hermite spline with the exact slopes du/ds."""
     nodes, weights = np.polynomial.legendre.leggauss(5)
     u = np.linspace(0.0, 1.0, 1001)
@@ -158,8 +163,3 @@ def _by_arc_length(xy: Curve) -> tuple[float, Curve]:
     length = float(arc[-1])
     slope = length / np.hypot(*np.asarray(xy(u, 1)).T)
     return length, CubicHermiteSpline(arc / length, u, slope)
-
-
-def _with_z(xy: Any, z: float) -> Array:
-    xy = np.asarray(xy)
-    return np.concatenate((xy, np.full((*xy.shape[:-1], 1), z)), axis=-1)

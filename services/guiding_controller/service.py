@@ -1,7 +1,5 @@
 """Listens to handle, vehicle and supervisor; says at 100 Hz where the robot shall be and what force the hand shall feel."""
 
-import numpy as np
-
 from schemas.guidance import GuidanceCommand
 from schemas.message import Vec3
 from schemas.safety import Permit
@@ -31,8 +29,7 @@ async def run(node: Node, config: Config) -> None:
         if state is None or verdict is None or verdict.permit is Permit.WAIT:
             state = guiding.start(p_H, path)  # whoever takes the handle is met where they stand
         held = verdict is not None and verdict.held
-        x = Input(p_H, p_R, np.asarray(held), np.asarray(guides))
-        state, guidance = guiding.step(state, x, tick.dt_s, path, p, config.cable)
+        state, guidance = guiding.step(state, Input(p_H, p_R, held, guides), tick.dt_s, path, p, config.cable)
         node.status = "guiding" if guides and held else "standing by"
         out.publish(_message(guidance, path, p_H, used(handle, vehicle, safety)))
 

@@ -19,15 +19,15 @@ constant force for that step (first order in dt, only while saturated), and the 
 Broadcasts over leading axes.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from services.parameters import Positive, parameters
-from services.physics import Array
+from services.physics import Array, Components, Row, Scalar, at_least, choose, clamp, components, scalar, vector
 
-Flags = NDArray[np.bool_]
 LONG_S = 1e3
 RATIO_MIN, RATIO_MAX = 0.9, 2.0
 
@@ -52,7 +52,7 @@ class State(NamedTuple):
     p: Array
     v: Array
     a: Array
-    taut_s: Array
+    taut_s: Scalar
 
 
 class Command(NamedTuple):
@@ -60,10 +60,10 @@ class Command(NamedTuple):
 
     p_d: Array  # centre of the springs in m, (..., 3)
     f_d: Array  # feed-forward force in N, (..., 3)
-    scale: Array  # of everything horizontal in u_A, (...)
-    k_z: Array  # N/m, (...)
-    k_xy: Array  # N/m before the scale, (...)
-    free: Flags  # nobody holds the handle, (...)
+    scale: Scalar  # of everything horizontal in u_A, (...)
+    k_z: float  # N/m
+    k_xy: float  # N/m before the scale
+    free: bool  # nobody holds the handle
 
 
 def check(M_A_kg: float, m_R_kg: float) -> None:
@@ -78,7 +78,7 @@ def check(M_A_kg: float, m_R_kg: float) -> None:
 def engage(p_setpoint: Array) -> State:
     """The filter at rest at the last set-point sent (G9), (..., 3)."""
     zero = np.zeros_like(p_setpoint)
-    return State(p_setpoint, zero, zero, np.full(p_setpoint.shape[:-1], LONG_S))
+    return State(p_setpoint, zero, zero, scalar(np.full(p_setpoint.shape[:-1], LONG_S)))
 
 
 def guide(p_R_d: Array, f_d: Array, scale: ArrayLike, p: Admittance) -> Command:
@@ -108,72 +108,76 @@ def literal(u_A: Array) -> Command:
 
 def u_A(p_ref: Array, c: Command, p: Admittance) -> Array:
     """u_A at reference `p_ref` in N, (..., 3)."""
-    return _spring(p_ref, c, p)[0] + _feed_forward(c)
+    return vector(*_u_A(components(p_ref), c, p)[0])
 
 
 def step(
-    state: State, f_c: Array, c: Command, slack: ArrayLike, dt: float | Array, z_max_m: float, p: Admittance
+    state: State, f_c: Array, c: Command, slack: Scalar, dt: Scalar, z_max_m: float, p: Admittance
 ) -> tuple[State, Array]:
     """Advance the filter by `dt` (s) under the cable force `f_c`; returns it and u_A at the new reference, (..., 3).
 
     `slack`: the cable is slack by motion capture; then, and for `slack_keep_s` after, z is damped more (G7).
     `z_max_m`: the ceiling, hand plane + l̄ + 0.1 m; a reference that starts above it may sink but not rise.
     """
-    taut_s = np.where(slack, 0.0, np.minimum(state.taut_s + dt, LONG_S))
-    b = _damping(taut_s, c, p)
-    spring, k = _spring(state.p, c, p)
-    constant = _feed_forward(c) - f_c
-    a_0 = (constant + spring) / p.M_A_kg
-    moved, gained, kept = _response(0.5 * b / p.M_A_kg, k / p.M_A_kg, np.asarray(dt)[..., None])
-    position = state.p + gained * state.v + moved * a_0
-    velocity = kept * state.v + gained * a_0
-    position, velocity = _under_ceiling(position, velocity, np.maximum(z_max_m, state.p[..., 2]))
-    u = u_A(position, c, p)
-    return State(position, velocity, (u - f_c - b * velocity) / p.M_A_kg, taut_s), u
+    taut_s = choose(slack, 0.0, clamp(state.taut_s + dt, 0.0, LONG_S))
+    b, pull, before = _damping(taut_s, c, p), components(f_c), components(state.p)
+    u, k = _u_A(before, c, p)
+    xy, z = (_response(0.5 * b[i] / p.M_A_kg, k[i] / p.M_A_kg, dt) for i in (0, 2))
+    position, velocity = list[Scalar](), list[Scalar]()
+    for (moved, gained, kept), x, v, u_i, f in zip((xy, xy, z), before, components(state.v), u, pull, strict=True):
+        a_0 = (u_i - f) / p.M_A_kg
+        position.append(x + gained * v + moved * a_0)
+        velocity.append(kept * v + gained * a_0)
+    position[2], velocity[2] = _under_ceiling(position[2], velocity[2], at_least(before[2], z_max_m))
+    u, _ = _u_A(position, c, p)
+    a = ((u_i - f - b_i * v) / p.M_A_kg for u_i, f, b_i, v in zip(u, pull, b, velocity, strict=True))
+    return State(vector(*position), vector(*velocity), vector(*a), taut_s), vector(*u)
 
 
-def _response(a: Array, w2: Array, dt: Array) -> tuple[Array, Array, Array]:
-    """δ̈ + 2a δ̇ + w² δ = u from δ = 0: δ = gained v + moved u, δ̇ = kept v + gained u; exact, every damping
-    ratio."""
-    z = (a * a - w2) * dt * dt
-    r = np.sqrt(np.maximum(np.abs(z), 1e-16))
-    over = z > 0.0
-    decay = np.exp(-a * dt)
-    C = decay * np.where(over, np.cosh(r), np.cos(r))
-    gained = decay * dt * np.where(over, np.sinh(r), np.sin(r)) / r
+def _response(a: Scalar, w2: Scalar, dt: Scalar) -> Row:
+    """δ̈ + 2a δ̇ + w² δ = u from δ = 0: δ = moved u + gained v, δ̇ = gained u + kept v; exact, every damping ratio."""
+    cosine, sine = _decaying(a * dt, (a * a - w2) * dt * dt)
+    gained = sine * dt
+    kept = cosine - a * gained
     stiff = w2 * dt * dt > 1e-8  # below, both forms agree to 1e-8 and the first loses digits
-    rest = (1.0 - C - a * gained) / np.where(stiff, w2, 1.0)
-    return np.where(stiff, rest, (dt - gained) / (2.0 * a)), gained, C - a * gained
+    moved = choose(stiff, 1.0 - cosine - a * gained, dt - gained) / choose(stiff, w2, 2.0 * a)
+    return moved, gained, kept
 
 
-def _spring(p_ref: Array, c: Command, p: Admittance) -> tuple[Array, Array]:
-    """Force of the saturated spring in N and its stiffness in N/m (0 where saturated), both (..., 3)."""
-    e = c.p_d - p_ref
-    length = np.stack((h := np.hypot(e[..., 0], e[..., 1]), h, np.abs(e[..., 2])), axis=-1)
-    k_xy = c.scale * c.k_xy
-    k = np.stack((k_xy, k_xy, c.k_z), axis=-1)
-    within = length <= p.e_R_max_m
-    return k * e * np.where(within, 1.0, p.e_R_max_m / np.maximum(length, 1e-12)), np.where(within, k, 0.0)
+def _decaying(decay: Scalar, z: Scalar) -> tuple[Scalar, Scalar]:
+    """cosh √z and sinh √z/√z, which are cos √-z and sin √-z/√-z for z < 0; both times exp(-decay)."""
+    if type(z) is float:
+        r, fade = max(abs(z), 1e-16) ** 0.5, math.exp(-decay)
+        return (fade * math.cosh(r), fade * math.sinh(r) / r) if z > 0 else (fade * math.cos(r), fade * math.sin(r) / r)
+    r, fade, grows = np.sqrt(np.maximum(np.abs(z), 1e-16)), np.exp(-decay), z > 0
+    return fade * choose(grows, np.cosh(r), np.cos(r)), fade * choose(grows, np.sinh(r), np.sin(r)) / r
 
 
-def _feed_forward(c: Command) -> Array:
-    return c.f_d * np.stack((c.scale, c.scale, np.ones_like(c.scale)), axis=-1)
+def _u_A(p_ref: Components, c: Command, p: Admittance) -> tuple[Row, Row]:
+    """u_A at `p_ref` in N and the stiffness behind it in N/m (0 where the spring is saturated), by axes."""
+    (x, y, z), (x_d, y_d, z_d), (f_x, f_y, f_z) = p_ref, components(c.p_d), components(c.f_d)
+    e_x, e_y, e_z = x_d - x, y_d - y, z_d - z
+    along, k_xy = _spring((e_x * e_x + e_y * e_y) ** 0.5, c.scale * c.k_xy, p)
+    up, k_z = _spring(abs(e_z), c.k_z, p)
+    return (along * e_x + c.scale * f_x, along * e_y + c.scale * f_y, up * e_z + f_z), (k_xy, k_xy, k_z)
 
 
-def _damping(taut_s: Array, c: Command, p: Admittance) -> Array:
-    """b per axis in N s/m, (..., 3)."""
-    b = np.where(c.free, p.b_free_Ns_per_m, p.b_A_Ns_per_m)
-    b_z = np.where(taut_s < p.slack_keep_s, np.maximum(b, p.b_slack_Ns_per_m), b)
-    return np.stack(np.broadcast_arrays(b, b, b_z), axis=-1)
+def _spring(length: Scalar, k: Scalar, p: Admittance) -> tuple[Scalar, Scalar]:
+    """Force per length of the saturated spring and its stiffness, both in N/m."""
+    over = at_least(length / p.e_R_max_m, 1.0)
+    return k / over, choose(over > 1.0, 0.0, k)
 
 
-def _under_ceiling(position: Array, velocity: Array, z_max: Array) -> tuple[Array, Array]:
-    """Stop a rise at `z_max` (...); what is taken is kinetic energy, so the filter stays passive."""
-    if np.any(position[..., 2] > z_max):
-        position, velocity = position.copy(), velocity.copy()
-        velocity[..., 2] = np.where(position[..., 2] > z_max, np.minimum(velocity[..., 2], 0.0), velocity[..., 2])
-        position[..., 2] = np.minimum(position[..., 2], z_max)
-    return position, velocity
+def _damping(taut_s: Scalar, c: Command, p: Admittance) -> Row:
+    """b per axis in N s/m."""
+    b = p.b_free_Ns_per_m if c.free else p.b_A_Ns_per_m
+    return b, b, choose(taut_s < p.slack_keep_s, max(b, p.b_slack_Ns_per_m), b)
+
+
+def _under_ceiling(z: Scalar, v: Scalar, z_max: Scalar) -> tuple[Scalar, Scalar]:
+    """Stop a rise at `z_max`; what is taken is kinetic energy, so the filter stays passive."""
+    risen = z > z_max
+    return choose(risen, z_max, z), choose(risen, clamp(v, -np.inf, 0.0), v)
 
 
 def _up(like: Array, force_N: float) -> Array:
@@ -183,12 +187,4 @@ def _up(like: Array, force_N: float) -> Array:
 
 
 def _command(p_d: Array, f_d: Array, scale: ArrayLike, *, k_z: float, k_xy: float, free: bool) -> Command:
-    batch = p_d.shape[:-1]
-    return Command(
-        p_d,
-        f_d,
-        np.broadcast_to(np.asarray(scale, dtype=np.float64), batch),
-        np.full(batch, k_z),
-        np.full(batch, k_xy),
-        np.full(batch, free),
-    )
+    return Command(p_d, f_d, scalar(np.asarray(scale, dtype=np.float64)), k_z, k_xy, free)

@@ -13,11 +13,8 @@ Broadcasts.
 
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
-
 from services.parameters import Positive, parameters
-from services.physics import Array, saturate
+from services.physics import Array, Components, Scalar, at_least, clamp, components, vector
 from services.px4_bridge.admittance import State
 
 
@@ -37,19 +34,25 @@ class Setpoint(NamedTuple):
     p: Array
     v: Array
     a: Array
-    limited: NDArray[np.bool_]
+    limited: Scalar
 
 
-def setpoint(state: State, f_hat_c: Array, m_R_kg: float, ff: ArrayLike, p_last: Array, limits: Limits) -> Setpoint:
+def setpoint(state: State, f_hat_c: Array, m_R_kg: float, ff: Scalar, p_last: Array, limits: Limits) -> Setpoint:
     """The set-point of this tick; `p_last` is the position sent before, from which it moves at most `step_max_m`."""
-    a_wanted = state.a + np.asarray(ff)[..., None] * f_hat_c / m_R_kg
-    a = _limited_acceleration(a_wanted, limits)
-    v = saturate(state.v, limits.v_max_mps)
-    p = p_last + saturate(state.p - p_last, limits.step_max_m)
-    change = np.abs(a - a_wanted) + np.abs(v - state.v) + np.abs(p - state.p)
-    return Setpoint(p, v, a, np.max(change, axis=-1) > 1e-9)
+    last, forward = components(p_last), ff / m_R_kg
+    a = [u + forward * f for u, f in zip(components(state.a), components(f_hat_c), strict=True)]
+    step = [x - x_last for x, x_last in zip(components(state.p), last, strict=True)]
+    a_xy, turned = _shortened(a[:2], limits.a_xy_max_mps2)
+    a_z = clamp(a[2], -limits.a_z_max_mps2, limits.a_z_max_mps2)
+    v, slowed = _shortened(components(state.v), limits.v_max_mps)
+    moved, held_back = _shortened(step, limits.step_max_m)
+    p = (x_last + x for x_last, x in zip(last, moved, strict=True))
+    limited = turned + slowed + held_back + abs(a[2] - a_z) > 1e-9
+    return Setpoint(vector(*p), vector(*v), vector(*a_xy, a_z), limited)
 
 
-def _limited_acceleration(a: Array, limits: Limits) -> Array:
-    up = np.clip(a[..., 2:], -limits.a_z_max_mps2, limits.a_z_max_mps2)
-    return np.concatenate((saturate(a[..., :2], limits.a_xy_max_mps2), up), axis=-1)
+def _shortened(v: Components, limit: float) -> tuple[list[Scalar], Scalar]:
+    """`v` with its direction kept and its length at most `limit`, and by how much it was longer."""
+    length = sum(x * x for x in v) ** 0.5
+    over = at_least(length / limit, 1.0)
+    return [x / over for x in v], length - length / over

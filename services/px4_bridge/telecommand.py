@@ -5,6 +5,7 @@ has no NaN; where MAVLink wants one, `None` is the way to it.
 """
 
 import math
+from collections.abc import Iterable
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -31,22 +32,20 @@ RATES_Hz = {  # message: number and rate, of which the ones that are listened to
     "ACTUATOR_OUTPUT_STATUS": (375, 250.0),
 }
 _CUSTOM_MODE, _LOCAL_NED = 1, 1
+_COMPONENTS = ("x", "y", "z", "vx", "vy", "vz", "afx", "afy", "afz")  # in the order of the mask's bits
+_UNSET = np.full(3, np.nan)
 _IGNORE_YAW, _IGNORE_YAW_RATE = 1 << 10, 1 << 11
 
 
 def setpoint(p_W: Array | None, v_W: Array | None, a_W: Array | None, yaw_rad: float | None) -> Fields:
     """SET_POSITION_TARGET_LOCAL_NED. Raises ValueError on an infinite component."""
+    values = _ned(_UNSET if v is None else v for v in (p_W, v_W, a_W))
     fields: Fields = {"coordinate_frame": _LOCAL_NED, "yaw_rate": 0.0, "time_boot_ms": 0}
     mask = _IGNORE_YAW_RATE
-    for shift, names, vector in (
-        (0, ("x", "y", "z"), p_W),
-        (3, ("vx", "vy", "vz"), v_W),
-        (6, ("afx", "afy", "afz"), a_W),
-    ):
-        for axis, (name, value) in enumerate(zip(names, _ned(vector), strict=True)):
-            unset = math.isnan(value)
-            fields[name] = 0.0 if unset else value
-            mask |= unset << (shift + axis)
+    for bit, (name, value) in enumerate(zip(_COMPONENTS, values, strict=True)):
+        unset = math.isnan(value)
+        fields[name] = 0.0 if unset else value
+        mask |= unset << bit
     if yaw_rad is None or math.isnan(yaw_rad):
         return fields | {"yaw": 0.0, "type_mask": mask | _IGNORE_YAW}
     return fields | {"yaw": frames.yaw_ned_from_enu(yaw_rad), "type_mask": mask}
@@ -54,7 +53,7 @@ def setpoint(p_W: Array | None, v_W: Array | None, a_W: Array | None, yaw_rad: f
 
 def pose(p_W: Array, q_WB_wxyz: Array, stamp_ns: int) -> Fields:
     """VISION_POSITION_ESTIMATE with an unknown covariance."""
-    x, y, z = _ned(p_W)
+    x, y, z = _ned([p_W])
     roll, pitch, yaw = euler_ned_frd(q_WB_wxyz)
     covariance = [None] + [0.0] * 20
     where: Fields = {"usec": stamp_ns // 1000, "x": x, "y": y, "z": z, "covariance": covariance, "reset_counter": 0}
@@ -88,9 +87,9 @@ def euler_ned_frd(q_WB_wxyz: Array) -> tuple[float, float, float]:
     return roll, pitch, yaw
 
 
-def _ned(v_W: Array | None) -> list[float]:
-    if v_W is None:
-        return [math.nan, math.nan, math.nan]
-    if np.isinf(v_W).any():
-        raise ValueError(f"set-point: {v_W.tolist()} must be finite")
-    return frames.ned_from_enu(v_W).tolist()
+def _ned(vectors_W: Iterable[Array]) -> list[float]:
+    """The components of all of them, one after the other."""
+    values: list[float] = frames.ned_from_enu(np.array(list(vectors_W))).ravel().tolist()
+    if any(map(math.isinf, values)):
+        raise ValueError(f"set-point: {values} (NED) must be finite")
+    return values

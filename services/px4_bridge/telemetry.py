@@ -33,6 +33,7 @@ _MODES = {
 _POSITION_TIMEOUT_NS = 500_000_000
 _FALLBACK_NS = 1_000_000_000  # a vehicle's clock that jumps back by more has been restarted
 _CLOCK_LEAK = 1e-4
+_LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 @parameters
@@ -75,6 +76,14 @@ class VehicleSample(NamedTuple):
     battery_fraction: float
 
 
+class Position(NamedTuple):
+    """One LOCAL_POSITION_NED in W; m, m/s."""
+
+    stamp_ns: int
+    p_W: Array
+    v_W: Array
+
+
 class HostTime:
     """The vehicle's clock mapped onto the host's.
 
@@ -105,20 +114,11 @@ class Telemetry:
         self._imu: deque[ImuSample] = deque(maxlen=QUEUE_LENGTH)
         self._q_WB_wxyz: Array | None = None
         self._thrust_N: float | None = None
+        self._position = Position(0, np.zeros(3), np.zeros(3))
         self._position_ns = 0
         self._arrival_ns = 0
-        self._sample = VehicleSample(
-            stamp_ns=0,
-            connected=False,
-            armed=False,
-            in_air=False,
-            mode=FlightMode.OTHER,
-            has_position=False,
-            p_W=np.zeros(3),
-            v_W=np.zeros(3),
-            q_WB_wxyz=np.array([1.0, 0.0, 0.0, 0.0]),
-            battery_fraction=0.0,
-        )
+        self._armed, self._in_air, self._mode = False, False, FlightMode.OTHER
+        self._battery_fraction = 0.0
         self.heartbeats = 0
         self.dropped = 0
         """Inertial samples that nobody fetched in time."""
@@ -158,12 +158,23 @@ class Telemetry:
         self._imu.clear()
         return samples
 
+    def connected(self, now_ns: int) -> bool:
+        """Whether the autopilot has been heard of late."""
+        return self.heartbeats > 0 and now_ns - self._arrival_ns < 1e9 * self._p.connection_timeout_s
+
     def sample(self, now_ns: int) -> VehicleSample:
         """The newest of everything; not connected when nothing has come for a while."""
-        silence_ns = now_ns - self._arrival_ns
-        return self._sample._replace(
-            connected=self.heartbeats > 0 and silence_ns < 1e9 * self._p.connection_timeout_s,
+        return VehicleSample(
+            stamp_ns=self._position.stamp_ns,
+            connected=self.connected(now_ns),
+            armed=self._armed,
+            in_air=self._in_air,
+            mode=self._mode,
             has_position=self._position_ns > 0 and now_ns - self._position_ns < _POSITION_TIMEOUT_NS,
+            p_W=self._position.p_W,
+            v_W=self._position.v_W,
+            q_WB_wxyz=_LEVEL if self._q_WB_wxyz is None else self._q_WB_wxyz,
+            battery_fraction=self._battery_fraction,
         )
 
     def _thrust_taker(self) -> dict[str, Any]:
@@ -178,32 +189,29 @@ class Telemetry:
                 )
 
     def _take_heartbeat(self, fields: Fields, _arrival_ns: int) -> None:
-        mode = _MODES.get(fields["custom_mode"], FlightMode.OTHER)
-        self._sample = self._sample._replace(armed=bool(fields["base_mode"] & _ARMED), mode=mode)
+        self._mode = _MODES.get(fields["custom_mode"], FlightMode.OTHER)
+        self._armed = bool(fields["base_mode"] & _ARMED)
         self.heartbeats += 1
 
     def _take_landed_state(self, fields: Fields, _arrival_ns: int) -> None:
-        self._sample = self._sample._replace(in_air=fields["landed_state"] in _IN_AIR)
+        self._in_air = fields["landed_state"] in _IN_AIR
 
     def _take_battery(self, fields: Fields, _arrival_ns: int) -> None:
-        percent = fields["battery_remaining"]  # -1: unknown, shown as empty
-        self._sample = self._sample._replace(battery_fraction=max(percent, 0) / 100.0)
+        self._battery_fraction = max(fields["battery_remaining"], 0) / 100.0  # -1: unknown, shown as empty
 
     def _take_text(self, fields: Fields, _arrival_ns: int) -> None:
         self.texts.append(fields["text"])
 
     def _take_position(self, fields: Fields, arrival_ns: int) -> None:
         stamp_ns = self._time.stamp_ns(1_000_000 * fields["time_boot_ms"], arrival_ns)
-        p_W = frames.enu_from_ned(np.array((fields["x"], fields["y"], fields["z"])))
-        v_W = frames.enu_from_ned(np.array((fields["vx"], fields["vy"], fields["vz"])))
-        if np.isfinite(p_W).all() and np.isfinite(v_W).all():
-            self._sample = self._sample._replace(stamp_ns=stamp_ns, p_W=p_W, v_W=v_W)
-            self._position_ns = arrival_ns
+        position, velocity = _three(fields, "x", "y", "z"), _three(fields, "vx", "vy", "vz")
+        if all(map(math.isfinite, (*position, *velocity))):
+            p_W, v_W = frames.enu_from_ned(np.array((position, velocity)))
+            self._position, self._position_ns = Position(stamp_ns, p_W, v_W), arrival_ns
 
     def _take_attitude(self, fields: Fields, _arrival_ns: int) -> None:
         q_NED_FRD = np.array((fields["q1"], fields["q2"], fields["q3"], fields["q4"]))
         self._q_WB_wxyz = frames.q_enu_flu_from_ned_frd(q_NED_FRD)
-        self._sample = self._sample._replace(q_WB_wxyz=self._q_WB_wxyz)
 
     def _take_outputs(self, fields: Fields, _arrival_ns: int) -> None:
         p = self._p
@@ -218,15 +226,11 @@ class Telemetry:
         if fields["id"] != 0 or self._q_WB_wxyz is None or self._thrust_N is None:
             return
         self.dropped += len(self._imu) == QUEUE_LENGTH
-        force = np.array((fields["xacc"], fields["yacc"], fields["zacc"]))
-        rate = np.array((fields["xgyro"], fields["ygyro"], fields["zgyro"]))
-        self._imu.append(
-            ImuSample(
-                stamp_ns=self._time.stamp_ns(1000 * fields["time_usec"], arrival_ns),
-                specific_force_B=frames.flu_from_frd(force),
-                angular_rate_B=frames.flu_from_frd(rate),
-                q_WB_wxyz=self._q_WB_wxyz,
-                thrust_N=self._thrust_N,
-                thrust_source=self._p.thrust_source,
-            )
-        )
+        stamp_ns = self._time.stamp_ns(1000 * fields["time_usec"], arrival_ns)
+        felt = np.array((_three(fields, "xacc", "yacc", "zacc"), _three(fields, "xgyro", "ygyro", "zgyro")))
+        force, rate = frames.flu_from_frd(felt)
+        self._imu.append(ImuSample(stamp_ns, force, rate, self._q_WB_wxyz, self._thrust_N, self._p.thrust_source))
+
+
+def _three(fields: Fields, x: str, y: str, z: str) -> tuple[float, float, float]:
+    return fields[x], fields[y], fields[z]

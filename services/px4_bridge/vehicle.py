@@ -206,7 +206,7 @@ class MavsdkVehicle(Vehicle):
 
     def _take_inbox(self) -> None:
         self._handing_over = False
-        heartbeats, was_connected = self._telemetry.heartbeats, self.sample.connected
+        heartbeats, was_connected = self._telemetry.heartbeats, self._telemetry.connected(self._now_ns())
         while self._inbox:
             name, text, arrival_ns = self._inbox.popleft()
             self._telemetry.take(name, from_json(text, cache_strings="keys"), arrival_ns)

@@ -11,12 +11,9 @@ leads, and above it (G10). Broadcasts over leading axes.
 
 from typing import NamedTuple
 
-import numpy as np
-
 from services.parameters import NonNegative, Positive, parameters
-from services.physics import Array, norm
+from services.physics import Array, Components, Scalar, at_least, choose, components, vector
 
-HORIZONTAL = np.array([1.0, 1.0, 0.0])
 TURN_M = 0.25  # the drone must lead by this much before it says where the person faces
 
 
@@ -33,23 +30,34 @@ class Envelope:
 class Distances(NamedTuple):
     """Clearances in m, (...); `outside` and `above` are negative where all is well."""
 
-    head: Array
-    hand: Array
-    outside: Array
-    above: Array
+    head: Scalar
+    hand: Scalar
+    outside: Scalar
+    above: Scalar
 
 
 def facing(ahead: Array, p_R: Array, p_H: Array) -> Array:
     """The way the person faces, (..., 3): towards the drone while it leads, as before while it is overhead."""
-    lead = (p_R - p_H) * HORIZONTAL
-    distance = norm(lead)[..., None]
-    return np.where(distance > TURN_M, lead / np.maximum(distance, 1e-9), ahead)
+    (x, y, _), (ahead_x, ahead_y, ahead_z) = components(p_R - p_H), components(ahead)
+    lead = (x * x + y * y) ** 0.5
+    leads, distance = lead > TURN_M, at_least(lead, 1e-9)
+    return vector(
+        choose(leads, x / distance, ahead_x), choose(leads, y / distance, ahead_y), choose(leads, 0.0, ahead_z)
+    )
 
 
 def measure(
     p_R: Array, p_H: Array, ahead: Array, volume_min: Array, volume_max: Array, ceiling_m: float, p: Envelope
 ) -> Distances:
     """All clearances at once."""
-    head = p_H - p.head_behind_hand_m * ahead + np.array([0.0, 0.0, p.head_above_hand_m])
-    outside = np.max(np.maximum(volume_min - p_R, p_R - volume_max), axis=-1)
-    return Distances(norm(p_R - head) - p.rotor_tip_m, norm(p_R - p_H), outside, p_R[..., 2] - ceiling_m)
+    x, y, z = l_c = components(p_R - p_H)
+    ahead_x, ahead_y, ahead_z = (p.head_behind_hand_m * part for part in components(ahead))
+    head = x + ahead_x, y + ahead_y, z + ahead_z - p.head_above_hand_m
+    outside, *walls = (*components(volume_min - p_R), *components(p_R - volume_max))
+    for wall in walls:
+        outside = at_least(outside, wall)
+    return Distances(_length(head) - p.rotor_tip_m, _length(l_c), outside, components(p_R)[2] - ceiling_m)
+
+
+def _length(v: Components) -> Scalar:
+    return sum(x * x for x in v) ** 0.5

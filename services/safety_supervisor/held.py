@@ -35,6 +35,7 @@ WEIGHT_ONLY is blind to a hand that lets go at the end of the path, where the dr
 its ceiling, without a horizontal pull. Everything broadcasts over leading axes.
 """
 
+import math
 from enum import IntEnum
 from typing import NamedTuple
 
@@ -42,9 +43,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from services.parameters import NonNegative, Positive, parameters
-from services.physics import Array, Z, low_pass_gain, norm
+from services.physics import Array, Components, Scalar, Z, choose, components, scalar, vector
 
-Flags = NDArray[np.bool_]
+Flags = Scalar
+"""A bool; of a crowd an array (...,) of them."""
 SLACK_SEEN_M = 0.01  # what motion capture makes of a taut cable is not shorter than this
 
 
@@ -82,10 +84,10 @@ class Held:
 class State(NamedTuple):
     """Held?, why, how long each sign has lasted in s, all (...), and the free handle's force in N, (..., 3)."""
 
-    held: Flags
+    held: NDArray[np.bool_]
     why: NDArray[np.int64]
-    weight_only_s: Array
-    carried_s: Array
+    weight_only_s: Scalar
+    carried_s: Scalar
     f_free: Array
 
 
@@ -109,44 +111,45 @@ def start(p: Held, shape: tuple[int, ...] = ()) -> State:
 
 def step(state: State, x: Input, dt: float, plane_z_m: float, rest_length_m: float, p: Held) -> tuple[State, Flags]:
     """Advance by `dt` s; returns the state and whether the handle is held, (...)."""
-    l_c = x.p_R - x.p_H
-    slack_m = rest_length_m - norm(l_c)
-    off_m, speed = np.abs(x.p_H[..., 2] - plane_z_m), norm(x.v_H)
-    df = x.f_c - state.f_free
-    weight_only = _weight_only(x, df, x.seen & (slack_m > SLACK_SEEN_M), p)
-    weight_only_s = np.where(weight_only, state.weight_only_s + dt, 0.0)
-    carried = _carried(l_c, slack_m, x.f_c, p)
-    calm = x.seen & (speed < p.take_speed_mps)
-    may_take = calm & (off_m < p.take_band_m)
-    carried_s = np.where(carried & may_take, state.carried_s + dt, 0.0)
-    why = _why(state, x.seen & (off_m > p.off_plane_m), x.seen & (speed > p.fast_mps), weight_only_s, carried_s, p)
+    p_H, l_c, f_c, f_free = components(x.p_H), components(x.p_R - x.p_H), components(x.f_c), components(state.f_free)
+    df = [f - free for f, free in zip(f_c, f_free, strict=True)]
+    slack_m, off_m, speed = rest_length_m - _length(l_c), abs(p_H[2] - plane_z_m), _length(components(x.v_H))
+    weight_only = _weight_only(components(x.u_A), df, p) & choose(x.seen, slack_m <= SLACK_SEEN_M, True)
+    weight_only_s = choose(weight_only, scalar(state.weight_only_s) + dt, 0.0)
+    carried, calm = _carried(l_c, slack_m, _length(f_c), p), x.seen & (speed < p.take_speed_mps)
+    carried_s = choose(carried & calm & (off_m < p.take_band_m), scalar(state.carried_s) + dt, 0.0)
+    was = scalar(state.why)
+    why = _why(was, x.seen & (off_m > p.off_plane_m), x.seen & (speed > p.fast_mps), weight_only_s, carried_s, p)
     held = why == Why.HELD
-    gain = np.where(held | state.held | carried | ~calm, 0.0, low_pass_gain(1.0 / p.reference_s, dt))
-    return State(held, why, weight_only_s, np.where(held, 0.0, carried_s), state.f_free + gain[..., None] * df), held
+    follow = choose(calm, 1.0 - math.exp(-dt / p.reference_s), 0.0)
+    gain = choose(held | (was == Why.HELD) | carried, 0.0, follow)
+    f_free = vector(*(free + gain * d for free, d in zip(f_free, df, strict=True)))
+    after = State(np.asarray(held), np.asarray(why, np.int64), weight_only_s, choose(held, 0.0, carried_s), f_free)
+    return after, after.held
 
 
-def _weight_only(x: Input, df: Array, slack: Flags, p: Held) -> Flags:
+def _length(v: Components) -> Scalar:
+    return sum(x * x for x in v) ** 0.5
+
+
+def _weight_only(u_A: Components, df: Components, p: Held) -> Flags:
     """More than the weight is asked for, no more than the free handle's force is felt."""
-    asked_along = np.hypot(x.u_A[..., 0], x.u_A[..., 1]) > p.f_along_min_N
-    asked_up = x.u_A[..., 2] - p.handle_weight_N > p.f_up_min_N
-    felt_along = np.hypot(df[..., 0], df[..., 1]) > p.f_along_felt_max_N
-    felt_up = np.abs(df[..., 2]) > p.f_up_tolerance_N
-    return (asked_along | asked_up) & ~felt_along & ~felt_up & ~slack
+    asked = (_length(u_A[:2]) > p.f_along_min_N) | (u_A[2] - p.handle_weight_N > p.f_up_min_N)
+    return asked & (_length(df[:2]) <= p.f_along_felt_max_N) & (abs(df[2]) <= p.f_up_tolerance_N)
 
 
-def _carried(l_c: Array, slack_m: Array, f_c: Array, p: Held) -> Flags:
+def _carried(l_c: Components, slack_m: Scalar, pull_N: Scalar, p: Held) -> Flags:
     """A sign that something other than the cable carries the handle."""
-    slack = (slack_m > p.take_slack_m) & (norm(f_c) < p.handle_weight_N + p.take_force_N)
-    aside = np.hypot(l_c[..., 0], l_c[..., 1]) > p.take_aside_m
-    return slack | (aside & (slack_m <= p.take_slack_m))
+    slack = (slack_m > p.take_slack_m) & (pull_N < p.handle_weight_N + p.take_force_N)
+    return slack | ((_length(l_c[:2]) > p.take_aside_m) & (slack_m <= p.take_slack_m))
 
 
-def _why(state: State, off: Flags, fast: Flags, weight_only_s: Array, carried_s: Array, p: Held) -> NDArray[np.int64]:
+def _why(was: Scalar, off: Flags, fast: Flags, weight_only_s: Scalar, carried_s: Scalar, p: Held) -> Scalar:
     """The new reason; a lost handle keeps the reason it was lost for until it is taken again."""
-    lost = [off, fast, weight_only_s >= p.lost_s - 1e-9]
-    while_held = np.select(lost, [Why.OFF_PLANE, Why.FAST, Why.WEIGHT_ONLY], Why.HELD)
-    while_free = np.where(carried_s >= p.take_s - 1e-9, Why.HELD, state.why)
-    return np.where(state.held, while_held, while_free).astype(np.int64)
+    by_force = choose(weight_only_s >= p.lost_s - 1e-9, Why.WEIGHT_ONLY, Why.HELD)
+    while_held = choose(off, Why.OFF_PLANE, choose(fast, Why.FAST, by_force))
+    while_free = choose(carried_s >= p.take_s - 1e-9, Why.HELD, was)
+    return choose(was == Why.HELD, while_held, while_free)
 
 
 def reason(why: ArrayLike) -> str:

@@ -97,7 +97,7 @@ def _observe(person: Person, senses: Senses, dt: float, config: Config) -> Perso
     x = held.Input(
         p_H=p_H,
         v_H=hand.velocity_mps.array(),
-        seen=np.asarray(hand.source is HandleSource.MOCAP),
+        seen=hand.source is HandleSource.MOCAP,
         p_R=p_R,
         f_c=force.force_N.array(),
         u_A=sent.u_A_N.array() if sent else np.zeros(3),

@@ -14,11 +14,11 @@ from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from services import cable
 from services.parameters import Positive, parameters
-from services.physics import Array, norm
+from services.physics import Array, Scalar, at_least, choose, clamp, components, norm, scalar, vector
 
 LONG_S = 1e3
 
@@ -48,8 +48,8 @@ class State(NamedTuple):
 
     p: Array
     v: Array
-    unseen_s: Array
-    settled_s: Array
+    unseen_s: Scalar
+    settled_s: Scalar
 
 
 class Output(NamedTuple):
@@ -57,47 +57,46 @@ class Output(NamedTuple):
 
     p: Array
     v: Array
-    sample: NDArray[np.int64]
-    valid: NDArray[np.bool_]
+    sample: Scalar
+    valid: Scalar
 
 
 def start(shape: tuple[int, ...] = ()) -> State:
     """Nothing seen yet: the first measurement restarts the filter."""
     zero = np.zeros((*shape, 3))
-    return State(zero, zero, np.full(shape, LONG_S), np.zeros(shape))
+    return State(zero, zero, scalar(np.full(shape, LONG_S)), scalar(np.zeros(shape)))
 
 
-def step(state: State, z: Array, measured: ArrayLike, dt: ArrayLike, p: Filter) -> tuple[State, Output]:
+def step(state: State, z: Array, measured: Scalar, dt: Scalar, p: Filter) -> tuple[State, Output]:
     """One frame, `dt` s after the last; `z` (m, (..., 3)) counts only where `measured`.
 
     The gate widens with the time since the last accepted measurement, `gate_m + gate_mps * time`: a hand may have
     moved. Valid: accepted within `lost_s`, and `settle_s` have passed since a restart (a restart has no velocity
     yet).
     """
-    dt = np.asarray(dt, dtype=np.float64)
-    measured, unseen_s = np.asarray(measured), state.unseen_s + dt
-    predicted = state.p + state.v * dt[..., None]
-    r = z - predicted
-    restart = measured & (unseen_s > p.lost_s)
-    accept = measured & ~restart & (norm(r) <= p.gate_m + p.gate_mps * unseen_s)
+    unseen_s, v = state.unseen_s + dt, components(state.v)
+    predicted = [x + dt * v_i for x, v_i in zip(components(state.p), v, strict=True)]
+    r = [x - there for x, there in zip(components(z), predicted, strict=True)]
+    near = sum(d * d for d in r) ** 0.5 <= p.gate_m + p.gate_mps * unseen_s
+    lost = unseen_s > p.lost_s
+    sample = choose(lost, Sample.RESTART, choose(near, Sample.ACCEPTED, Sample.JUMP))
+    sample = choose(measured, sample, Sample.MISSING)
+    restart, accept = sample == Sample.RESTART, sample == Sample.ACCEPTED
     # After a gap the gain is that of the whole gap, so the filter forgets a stale velocity.
-    alpha, beta_per_s = _gains(unseen_s, p.tau_s)
-    used = np.where(accept[..., None], r, 0.0)
-    p_H = np.where(restart[..., None], z, predicted + alpha[..., None] * used)
-    v_H = np.where(restart[..., None], 0.0, state.v + beta_per_s[..., None] * used)
-    unseen_s = np.where(accept | restart, 0.0, np.minimum(unseen_s, LONG_S))
-    settled_s = np.where(restart, 0.0, np.minimum(state.settled_s + dt, LONG_S))
-    sample = np.select(
-        [restart, accept, ~measured], [Sample.RESTART, Sample.ACCEPTED, Sample.MISSING], Sample.JUMP
-    ).astype(np.int64)
+    alpha, beta_per_s = (choose(accept, gain, 0.0) for gain in _gains(unseen_s, p.tau_s))
+    alpha, keep = choose(restart, 1.0, alpha), choose(restart, 0.0, 1.0)
+    p_H = vector(*(there + alpha * d for there, d in zip(predicted, r, strict=True)))
+    v_H = vector(*(keep * v_i + beta_per_s * d for v_i, d in zip(v, r, strict=True)))
+    unseen_s = choose(restart | accept, 0.0, clamp(unseen_s, 0.0, LONG_S))
+    settled_s = choose(restart, 0.0, clamp(state.settled_s + dt, 0.0, LONG_S))
     valid = (unseen_s <= p.lost_s) & (settled_s >= p.settle_s)
     return State(p_H, v_H, unseen_s, settled_s), Output(p_H, v_H, sample, valid)
 
 
-def _gains(dt: Array, tau_s: float) -> tuple[Array, Array]:
+def _gains(dt: Scalar, tau_s: float) -> tuple[Scalar, Scalar]:
     """alpha and beta/dt (1/s) for a step of `dt` s."""
-    theta = np.exp(-dt / tau_s)
-    return 1.0 - theta**2, (1.0 - theta) ** 2 / np.maximum(dt, 1e-9)
+    theta = scalar(np.exp(-dt / tau_s))
+    return 1.0 - theta**2, (1.0 - theta) ** 2 / at_least(dt, 1e-9)
 
 
 def fallback(p_R: Array, f_c: Array, c: cable.Cable, f_min_N: float) -> tuple[Array, NDArray[np.bool_]]:

@@ -92,6 +92,16 @@ def lasting(seconds: float) -> Callable[[Alone], Awaitable[object]]:
     return lambda _: asyncio.sleep(seconds)
 
 
+def since(said: Said, topic: Topic[Any], t_s: float) -> list[Any]:
+    """What was said of a topic from `t_s` on; counted as `Alone.now_s`."""
+    return [m for m in said[topic.key] if m.stamp_ns * 1e-9 - 1.0 > t_s]
+
+
+def rate_Hz(messages: list[Any]) -> float:
+    """Of the stamps, on average."""
+    return (len(messages) - 1) / ((messages[-1].stamp_ns - messages[0].stamp_ns) * 1e-9)
+
+
 # What the others say.
 
 

@@ -1,0 +1,37 @@
+"""Piecewise cubics made by scipy, evaluated by Horner's rule: one place in floats, many in arrays, as in services/physics.
+
+| here | meaning |
+|---|---|
+| u | where: the piece and the way into it, h |
+| value, slope, bend | the cubic and its first and second derivatives by u |
+"""
+
+from bisect import bisect_right
+from typing import Any
+
+import numpy as np
+
+from services.physics import Row, Scalar
+
+
+class Cubic:
+    """A piecewise cubic of u in one or more dimensions; beyond its ends the first and the last piece go on."""
+
+    def __init__(self, made: Any) -> None:
+        """From one of scipy's piecewise polynomials of degree 3."""
+        self._starts = made.x[:-1]
+        self._pieces = np.moveaxis(made.c.reshape(4, len(self._starts), -1), 0, -1)  # piece, dimension, power
+        self._starts_list, self._pieces_list = self._starts.tolist(), self._pieces.tolist()
+
+    def at(self, u: Scalar) -> list[Row]:
+        """For each dimension value, slope and bend at u, each as u is: a float, or (...)."""
+        if type(u) is float:
+            i = max(bisect_right(self._starts_list, u) - 1, 0)
+            return [_horner(u - self._starts_list[i], *powers) for powers in self._pieces_list[i]]
+        i: Any = np.maximum(np.searchsorted(self._starts, u, side="right") - 1, 0)
+        return [_horner(u - self._starts[i], *powers) for powers in np.moveaxis(self._pieces[i], (-2, -1), (0, 1))]
+
+
+def _horner(h: Scalar, a: Scalar, b: Scalar, c: Scalar, d: Scalar) -> Row:
+    """a h³ + b h² + c h + d with its derivatives."""
+    return ((a * h + b) * h + c) * h + d, (3.0 * a * h + 2.0 * b) * h + c, 6.0 * a * h + 2.0 * b

@@ -1,0 +1,90 @@
+"""What the bridge may do and asks for: the worth of an old word, and orders by their tables."""
+
+from itertools import pairwise, product
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from schemas.safety import Permit, Phase
+from schemas.vehicle import FlightMode
+from services.px4_bridge.orders import STREAM_FIRST_S, Order, next_order, streams
+from services.px4_bridge.permits import effective
+
+# permits.effective
+
+SILENT_S, LOST_S = 0.2, 3.0
+AGES = st.one_of(st.floats(0.0, 10.0), st.just(float("inf")))
+LESS = [Permit.GUIDE, Permit.WAIT, Permit.POSITION]  # what a fresh word may allow, and an old one not
+
+
+@pytest.mark.parametrize("permit", list(Permit))
+@pytest.mark.parametrize("age_s", [0.0, 0.2, 0.21, 2.9, 3.0, 3.1, float("inf")])
+def test_what_a_word_is_worth_when_it_grows_old(permit: Permit, age_s: float) -> None:
+    if permit in (Permit.NONE, Permit.LAND) or age_s <= SILENT_S:
+        expected = permit
+    else:
+        expected = Permit.EASE if age_s <= LOST_S else Permit.LAND
+    assert effective(permit, age_s, SILENT_S, LOST_S) is expected
+
+
+def test_without_a_word_nothing_is_permitted() -> None:
+    assert effective(None, float("inf"), SILENT_S, LOST_S) is Permit.NONE
+    assert effective(None, 0.0, SILENT_S, LOST_S) is Permit.NONE
+
+
+@given(st.sampled_from([p for p in Permit if p is not Permit.NONE]), st.lists(AGES, min_size=2).map(sorted))
+def test_age_only_takes_away(permit: Permit, ages: list[float]) -> None:
+    order = [*LESS, Permit.EASE, Permit.LAND]
+    ranks = [max(order.index(effective(permit, age, SILENT_S, LOST_S)), order.index(Permit.EASE) - 1) for age in ages]
+    assert all(a <= b for a, b in pairwise(ranks))
+
+
+# orders.next_order, orders.streams
+
+EVERYTHING = list(product(Permit, Phase, (False, True), FlightMode))
+LANDS = (FlightMode.LAND, FlightMode.DESCEND)
+
+
+@pytest.mark.parametrize("streaming_s", [0.0, STREAM_FIRST_S, 100.0])
+def test_it_arms_and_takes_over_only_in_the_take_off(streaming_s: float) -> None:
+    for permit, phase, armed, mode in EVERYTHING:
+        order = next_order(permit, phase, armed, mode, streaming_s)
+        if order in (Order.ARM, Order.OFFBOARD):
+            assert (permit, phase) == (Permit.POSITION, Phase.TAKEOFF)
+            assert streaming_s >= STREAM_FIRST_S
+        if order is Order.ARM:
+            assert mode is FlightMode.OFFBOARD
+            assert not armed
+        assert (order is Order.LAND) == (permit is Permit.LAND and armed and mode not in LANDS)
+
+
+def test_a_take_off_is_stream_then_offboard_then_arm_then_nothing() -> None:
+    def asked(armed: bool, mode: FlightMode, streaming_s: float) -> Order:
+        return next_order(Permit.POSITION, Phase.TAKEOFF, armed, mode, streaming_s)
+
+    assert asked(False, FlightMode.HOLD, STREAM_FIRST_S - 0.01) is Order.NOTHING
+    assert asked(False, FlightMode.HOLD, STREAM_FIRST_S) is Order.OFFBOARD
+    assert asked(False, FlightMode.OFFBOARD, STREAM_FIRST_S) is Order.ARM
+    assert asked(True, FlightMode.OFFBOARD, STREAM_FIRST_S) is Order.NOTHING
+
+
+def test_set_points_leave_only_with_a_permit_and_not_against_the_autopilots_landing() -> None:
+    for permit, phase, armed, mode in EVERYTHING:
+        if streams(permit, phase, armed, mode):
+            assert permit is not Permit.NONE
+            assert not (armed and mode in LANDS)
+            assert armed or (permit, phase) == (Permit.POSITION, Phase.TAKEOFF)
+
+
+@pytest.mark.parametrize("permit", [p for p in Permit if p is not Permit.NONE])
+def test_in_the_air_every_permit_streams_while_the_autopilot_listens(permit: Permit) -> None:
+    """Up to the moment in which it lands by itself: a gap before that would be a failsafe."""
+    for phase, mode in product(Phase, (FlightMode.OFFBOARD, FlightMode.HOLD, FlightMode.OTHER)):
+        assert streams(permit, phase, True, mode)
+
+
+@pytest.mark.parametrize("mode", list(FlightMode))
+def test_on_the_ground_a_take_off_begins_with_the_stream(mode: FlightMode) -> None:
+    """Whatever the mode: after a landing the autopilot is still in it."""
+    assert streams(Permit.POSITION, Phase.TAKEOFF, False, mode)

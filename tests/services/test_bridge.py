@@ -1,0 +1,232 @@
+"""The bridge on the stand-in autopilot, without a wire: what leaves it, when, and what ends it. Then rates, one and all."""
+
+import asyncio
+
+import numpy as np
+import pytest
+
+from schemas.safety import Action, Permit, Phase
+from schemas.topics import (
+    CABLE_FORCE,
+    HEALTH,
+    MOCAP_FRAME,
+    ROBOT_POSE,
+    SAFETY_STATE,
+    SETPOINT,
+    TOPICS,
+    TRUTH,
+    VEHICLE_STATE,
+)
+from schemas.vehicle import FlightMode, SetpointKind
+from services import cable
+from services.config import load
+from services.physics import norm
+from services.px4_bridge import service as px4_bridge
+from services.simulator import service as simulator
+from tests.services.alone import (
+    Alone,
+    Feed,
+    alone,
+    force,
+    lasting,
+    pose,
+    rate_Hz,
+    since,
+    verdict,
+)
+from tests.services.chain import Stage, fly
+from tests.services.direct_vehicle import DirectVehicle
+
+CONFIG = load("demo")
+HAND = CONFIG.guided_path.p(0.2)
+PULL = np.array([1.2, 0.0, 1.0])
+ABOVE = HAND + cable.offset(PULL, CONFIG.cable)
+
+
+def serving(module):
+    """A service as the launcher runs it."""
+    return lambda stage: module.run(stage.node(module.__name__.split(".")[1]), CONFIG)
+
+
+OVER_START = CONFIG.guided_path.p(0.0) + [0.0, 0.0, 0.5]
+HANGING = np.array([0.0, 0.0, CONFIG.px4_bridge.flight.handle_weight_N])
+
+
+class Flown:
+    """The bridge on the stand-in autopilot, and the supervisor's and estimator's words as a test wants them."""
+
+    def __init__(self, safety: Feed, seconds: float, forces: Feed = lambda _: force(HANGING)) -> None:
+        self._seconds = seconds
+        self.cancelled_at_s = np.inf
+        self.after_cancel = 0
+        self.said = alone(self._bridge, {SAFETY_STATE: safety, CABLE_FORCE: forces}, self._script)
+
+    async def _bridge(self, stage: Alone) -> None:
+        self.vehicle = DirectVehicle(CONFIG.px4_bridge.vehicle, stage.clock.now_ns, 0.003)
+        await px4_bridge.fly(stage.node("px4_bridge"), CONFIG, self.vehicle)
+
+    async def _script(self, stage: Alone) -> None:
+        await asyncio.sleep(0.0)
+        world = asyncio.create_task(simulator.play(stage.node("simulator"), CONFIG, self.vehicle))
+        poses = asyncio.create_task(stage.repeat(ROBOT_POSE, lambda _: self._seen(stage)))
+        try:
+            await asyncio.sleep(self._seconds)
+            assert stage.task
+            stage.task.cancel()
+            sent = len(self.vehicle.setpoints)
+            await asyncio.sleep(0.2)
+            self.after_cancel = len(self.vehicle.setpoints) - sent
+        finally:
+            world.cancel()
+            poses.cancel()
+
+    @staticmethod
+    def _seen(stage: Alone):
+        frames = stage.said[MOCAP_FRAME.key]
+        return pose(frames[-1].robot.position_m.array()) if frames else None
+
+    def kinds(self, begin_s: float, end_s: float) -> set[SetpointKind]:
+        return {m.kind for m in since(self.said, SETPOINT, begin_s) if m.stamp_ns * 1e-9 - 1.0 < end_s}
+
+    def state_at(self, t_s: float):
+        return since(self.said, VEHICLE_STATE, t_s)[0]
+
+
+def take_off(t_s: float):
+    return verdict(Phase.TAKEOFF, Permit.POSITION, OVER_START)
+
+
+@pytest.mark.parametrize(
+    "safety", [lambda _: None, lambda _: verdict(Phase.IDLE, Permit.NONE)], ids=["no supervisor", "no permit"]
+)
+def test_without_a_permit_no_set_point_ever_leaves(safety):
+    flown = Flown(safety, 1.2)
+    assert flown.vehicle.setpoints == []
+    assert flown.said[SETPOINT.key] == []
+    assert not any(m.armed for m in flown.said[VEHICLE_STATE.key])
+    assert flown.state_at(1.0).valid
+
+
+def test_a_permit_to_guide_on_the_ground_arms_nothing():
+    flown = Flown(lambda _: verdict(Phase.GUIDING, Permit.GUIDE, held=True), 1.5)
+    assert flown.vehicle.setpoints == []
+    assert not any(m.armed for m in flown.said[VEHICLE_STATE.key])
+
+
+SILENT_FROM_S = 1.7
+
+
+@pytest.fixture(scope="module")
+def orphaned() -> Flown:
+    """Take-off; after a while the supervisor falls silent."""
+    return Flown(lambda t_s: take_off(t_s) if t_s < SILENT_FROM_S else None, 5.4)
+
+
+def test_a_take_off_streams_then_takes_over_then_arms(orphaned):
+    states = orphaned.said[VEHICLE_STATE.key]
+    offboard = next(m.stamp_ns for m in states if m.mode is FlightMode.OFFBOARD)
+    armed = next(m.stamp_ns for m in states if m.armed)
+    first = orphaned.said[SETPOINT.key][0].stamp_ns
+    assert first + 0.5e9 <= offboard <= armed
+    assert orphaned.kinds(0.0, SILENT_FROM_S) == {SetpointKind.POSITION}
+    assert orphaned.state_at(SILENT_FROM_S - 0.05).armed
+    assert rate_Hz(orphaned.said[SETPOINT.key][:200]) == pytest.approx(SETPOINT.rate_Hz, rel=0.02)
+
+
+def test_a_silent_supervisor_is_an_ease_then_a_landing(orphaned):
+    link = CONFIG.px4_bridge.link
+    eased_s, landed_s = SILENT_FROM_S + link.permit_silent_s, SILENT_FROM_S + link.permit_lost_s
+    assert orphaned.kinds(eased_s + 0.03, landed_s - 0.05) == {SetpointKind.EASE}
+    assert orphaned.state_at(landed_s - 0.1).mode is FlightMode.OFFBOARD
+    assert orphaned.state_at(landed_s + 0.5).mode is FlightMode.LAND
+    assert since(orphaned.said, SETPOINT, landed_s + 0.6) == []
+
+
+def test_set_points_end_with_the_service(orphaned):
+    """Whatever ends it: nothing behind it repeats the last one."""
+    assert orphaned.vehicle.setpoints
+    flown = Flown(take_off, 0.5)
+    assert len(flown.vehicle.setpoints) > 30
+    assert flown.after_cancel == 0
+
+
+def test_what_is_sent_is_what_is_said(orphaned):
+    told = orphaned.said[SETPOINT.key]
+    assert len(told) == len(orphaned.vehicle.setpoints)
+    for m, sent in list(zip(told, orphaned.vehicle.setpoints, strict=True))[::20]:
+        assert m.position_m.array() == pytest.approx(sent.p_W)
+        assert m.acceleration_mps2.array() == pytest.approx(sent.a_W)
+
+
+WAITING_FROM_S, DEAD_FROM_S, END_S = 1.6, 2.3, 3.3
+
+
+@pytest.fixture(scope="module")
+def forsaken() -> Flown:
+    """In the air, waiting for a hand; then the estimator dies."""
+
+    def safety(t_s: float):
+        return take_off(t_s) if t_s < WAITING_FROM_S else verdict(Phase.READY, Permit.WAIT, OVER_START)
+
+    return Flown(safety, END_S, lambda t_s: force(HANGING) if t_s < DEAD_FROM_S else None)
+
+
+def test_without_forces_the_filter_stands_still(forsaken):
+    assert forsaken.kinds(WAITING_FROM_S + 0.05, DEAD_FROM_S) == {SetpointKind.ADMITTANCE}
+    dead_s = DEAD_FROM_S + CONFIG.px4_bridge.link.force_silent_s + 0.03
+    assert forsaken.kinds(dead_s, END_S) == {SetpointKind.EASE}
+    after = since(forsaken.said, SETPOINT, dead_s)
+    assert np.all(np.diff([m.feed_forward for m in after]) <= 0.0)
+    assert not np.any([m.u_A_N.array() for m in after])
+    way = [m.position_m.array() for m in after]
+    assert norm(way[-1] - way[0]) < 0.35
+
+
+def test_a_force_names_itself_in_the_set_point_it_went_into(forsaken):
+    seqs = {m.seq: m.stamp_ns for m in forsaken.said[CABLE_FORCE.key]}
+    complying = [
+        m for m in since(forsaken.said, SETPOINT, WAITING_FROM_S + 0.05) if m.stamp_ns * 1e-9 - 1.0 < DEAD_FROM_S
+    ]
+    assert complying
+    for m in complying:
+        assert m.age_s == pytest.approx((m.stamp_ns - seqs[m.inputs[CABLE_FORCE.key]]) * 1e-9, abs=1e-6)
+        assert m.age_s < 0.02
+
+
+# simulator
+
+
+def test_the_simulator_shows_frames_and_truth_at_their_rates():
+    async def play(stage: Alone) -> None:
+        node = stage.node("simulator")
+        await simulator.play(node, CONFIG, DirectVehicle(CONFIG.px4_bridge.vehicle, stage.clock.now_ns))
+
+    said = alone(play, {SAFETY_STATE: lambda _: verdict(Phase.IDLE, Permit.NONE)}, lasting(1.5))
+    frames, truths = said[MOCAP_FRAME.key], said[TRUTH.key]
+    assert rate_Hz(frames) == pytest.approx(CONFIG.simulator.mocap_rate_Hz, rel=0.02)
+    assert CONFIG.simulator.mocap_rate_Hz == MOCAP_FRAME.rate_Hz
+    assert rate_Hz(truths) == pytest.approx(TRUTH.rate_Hz, rel=0.02)
+    start = CONFIG.guided_path.p(0.0)
+    assert truths[-1].robot_position_m.array()[:2] == pytest.approx(start[:2], abs=1e-3)
+    assert not truths[-1].holding
+    seen = frames[-1].robot.position_m.array()
+    assert seen == pytest.approx(truths[-1].robot_position_m.array(), abs=0.003)
+
+
+# all together
+
+
+def test_every_topic_is_said_by_its_publisher_at_the_rate_of_the_table():
+    """The recorder does not fly; what is on demand has no rate."""
+
+    async def script(stage: Stage) -> None:
+        await asyncio.sleep(0.5)
+        stage.ask(Action.START)
+        await asyncio.sleep(1.7)
+
+    said = fly(CONFIG, script).said
+    for topic in TOPICS:
+        if topic.rate_Hz and topic is not HEALTH["recorder"]:
+            flying = [m for m in said[topic.key] if m.stamp_ns > 1.6e9]
+            assert len(flying) >= 2, f"{topic.key} is not said"
+            assert rate_Hz(flying) == pytest.approx(topic.rate_Hz, rel=0.1), topic.key
