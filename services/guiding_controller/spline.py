@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from services.physics import Row, Scalar
+from services.physics import Array, Row, Scalar
 
 
 class Cubic:
@@ -19,7 +19,7 @@ class Cubic:
 
     def __init__(self, made: Any) -> None:
         """From one of scipy's piecewise polynomials of degree 3."""
-        self._starts = made.x[:-1]
+        self._starts: Array = made.x[:-1]
         self._pieces = np.moveaxis(made.c.reshape(4, len(self._starts), -1), 0, -1)  # piece, dimension, power
         self._starts_list, self._pieces_list = self._starts.tolist(), self._pieces.tolist()
 
@@ -28,7 +28,7 @@ class Cubic:
         if type(u) is float:
             i = max(bisect_right(self._starts_list, u) - 1, 0)
             return [_horner(u - self._starts_list[i], *powers) for powers in self._pieces_list[i]]
-        i: Any = np.maximum(np.searchsorted(self._starts, u, side="right") - 1, 0)
+        i = np.maximum(np.searchsorted(self._starts, np.asarray(u), side="right") - 1, 0)
         return [_horner(u - self._starts[i], *powers) for powers in np.moveaxis(self._pieces[i], (-2, -1), (0, 1))]
 
 
