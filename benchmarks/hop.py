@@ -13,7 +13,6 @@ load. Stamps are CLOCK_MONOTONIC, one clock for all processes of a host. `python
 # pyright: reportUnknownMemberType=false
 
 import asyncio
-import os
 import sys
 import tempfile
 import time
@@ -21,9 +20,8 @@ from collections import deque
 from collections.abc import AsyncIterator, Sequence
 
 import zenoh
-from rich.console import Console
-from rich.table import Table
 
+from benchmarks.table import quantile_ms, show
 from schemas.message import Vec3
 from schemas.topics import HANDLE_STATE, SERVICES, Stance
 from schemas.tracking import HandleSource, HandleState
@@ -154,17 +152,6 @@ def _row(
     p50, p99 = (quantile_ms(delays_ns, q) for q in (0.5, 0.99))
     ratios = [p / quantile_ms(than, q) for than in (bare_ns, loop_ns) for p, q in ((p50, 0.5), (p99, 0.99))]
     return (name, f"{p50:.3f}", f"{p99:.3f}", *(f"{ratio:.2f}" for ratio in ratios), str(len(delays_ns)), str(sent))
-
-
-def quantile_ms(values_ns: Sequence[int], q: float) -> float:
-    return sorted(values_ns)[int(q * (len(values_ns) - 1))] * 1e-6
-
-
-def show(rows: Sequence[Sequence[str]], columns: Sequence[str]) -> None:
-    table = Table(*columns, caption=f"load average {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
-    for row in rows:
-        table.add_row(*row)
-    Console().print(table)
 
 
 if __name__ == "__main__":
