@@ -32,6 +32,7 @@ _COLOUR = {
     Level.HOLD: "dark_orange",
     Level.LAND: "red",
     Level.DESCEND: "red",
+    Level.KILL: "bold red",
 }
 
 

@@ -1,10 +1,11 @@
 """The bridge's law: which set-point follows from permit, guidance and cable force.
 
-Two ways of flying. In POSITION mode the reference walks to the supervisor's goal. In the three others the admittance filter
-moves it: anchored over the start (WAIT; once the handle is held it rises until the cable is taut), guided (GUIDE), or
-giving way without any pull (EASE). The change between them is bumpless: each starts from the last reference sent, and the
-fed-forward cable force is ramped (G9). Without a fresh cable force the filter cannot fly: then the reference stops where it
-is, a little nearer to the hand.
+Two ways of flying. In POSITION mode the reference walks to the supervisor's goal; in HOLD it stands, the cable slack. In the
+three others the admittance filter moves it: anchored over the start (WAIT; once the handle is held it rises until the cable
+is taut), guided (GUIDE), or giving way without any pull (EASE). The change between them is bumpless: each starts from the last
+reference sent, and the fed-forward cable force is ramped (G9). Without a fresh cable force the filter cannot fly: then EASE
+stands like HOLD. Both let the cable hang slack and go along with a hand that walks on; all keep away from one that comes near
+(leash.py).
 
 | paper | here | unit | frame |
 |---|---|---|---|
@@ -22,11 +23,15 @@ from schemas.safety import Permit
 from schemas.vehicle import SetpointKind
 from services.parameters import NonNegative, Positive, parameters
 from services.physics import Array, Z, norm
-from services.px4_bridge import admittance, approach
+from services.px4_bridge import admittance, approach, leash
 from services.px4_bridge import setpoint as setpoints
 from services.px4_bridge.admittance import Admittance, Command
 from services.px4_bridge.approach import Approach
+from services.px4_bridge.leash import Hand
 from services.px4_bridge.setpoint import Limits, Setpoint
+
+SLACK = (SetpointKind.EASE, SetpointKind.HOLD)  # how the system backs off
+SLACK_N = 0.8  # a cable that pulls harder is taut, whatever bias the estimate may have
 
 
 @parameters
@@ -41,6 +46,10 @@ class Flight:
     feed_forward_ramp_s: Positive
     ease_slack_m: Positive
     """How far inside its rest length the cable hangs when the system has backed off."""
+    hand_clear_m: Positive
+    """Vehicle's centre to hand: nearer than this, the hand pushes the vehicle ahead of it."""
+    follow_mps: Positive
+    """At most as fast as this it goes along with a person while it holds."""
     yaw_rad: float
     """Heading that the vehicle keeps, from x, anticlockwise."""
 
@@ -80,6 +89,8 @@ class Input(NamedTuple):
     forces: Sequence[Force]
     force_fresh: bool
     guidance: Guidance | None
+    hand: Hand | None = None
+    """The hand, where motion capture sees the handle; None where it is only guessed."""
 
 
 class State(NamedTuple):
@@ -114,8 +125,11 @@ def step(state: State, x: Input, dt: float, p: Params) -> tuple[State, Output]:
     kind = _kind(x)
     if kind is not state.kind:
         state = _change(state, kind, p)
-    complies = kind is not SetpointKind.POSITION and x.force_fresh
+    complies = kind in (SetpointKind.ADMITTANCE, SetpointKind.EASE) and x.force_fresh
+    if kind in SLACK:
+        state = state._replace(hold=_slackened(state.hold, x, p))
     state = _filter(state, x, p) if complies else _approach(state, x, dt, p)
+    state = _kept_clear(state, x, complies, dt, p)
     change = (1.0 if complies else -1.0) * dt / p.flight.feed_forward_ramp_s
     state = state._replace(feed_forward=min(max(state.feed_forward + change, 0.0), 1.0))
     sent = setpoints.setpoint(state.filter, state.f_hat, p.flight.m_R_kg, state.feed_forward, state.p_sent, p.limits)
@@ -124,6 +138,8 @@ def step(state: State, x: Input, dt: float, p: Params) -> tuple[State, Output]:
 
 
 def _kind(x: Input) -> SetpointKind:
+    if x.permit is Permit.HOLD:
+        return SetpointKind.HOLD
     if x.permit is Permit.EASE or (x.permit in (Permit.WAIT, Permit.GUIDE) and not x.force_fresh):
         return SetpointKind.EASE
     if x.permit is Permit.GUIDE and x.held and x.guidance is None:
@@ -136,7 +152,9 @@ def _change(state: State, kind: SetpointKind, p: Params) -> State:
     reference = state.filter
     if kind is SetpointKind.ADMITTANCE and state.kind in (SetpointKind.POSITION, SetpointKind.NONE):
         reference = admittance.engage(reference.p)
-    hold = reference.p - _slackening(state, p) if kind is SetpointKind.EASE else reference.p
+    hold = reference.p
+    if kind in SLACK:  # from one of them to the other the cable is slack already
+        hold = state.hold if state.kind in SLACK else hold - _slackening(state, p)
     return state._replace(kind=kind, filter=reference, hold=hold)
 
 
@@ -147,9 +165,31 @@ def _slackening(state: State, p: Params) -> Array:
     return p.flight.ease_slack_m * along
 
 
+def _slackened(hold: Array, x: Input, p: Params) -> Array:
+    """Where to stand so that the cable in the person's hand stays slack, and the hand clear of the propellers."""
+    if x.hand is None or not x.held:
+        return hold
+    return leash.between(hold, x.hand.p, p.flight.hand_clear_m, p.flight.rest_length_m - p.flight.ease_slack_m)
+
+
+def _kept_clear(state: State, x: Input, complies: bool, dt: float, p: Params) -> State:
+    """A hand that comes near pushes the reference; one that does not let go leads it, wherever no filter gives way."""
+    if x.hand is None or (state.kind is SetpointKind.POSITION and not x.held):
+        return state
+    at = state.filter
+    if not x.force_fresh or float(norm(state.f_hat)) < SLACK_N:  # else the capture system contradicts the cable
+        position, velocity = leash.pushed(at.p, at.v, x.hand, dt, p.flight.hand_clear_m)
+        at = at._replace(p=position, v=velocity)
+    if x.held and not complies:
+        far_m = p.flight.rest_length_m - p.flight.ease_slack_m
+        position, velocity = leash.led(at.p, at.v, x.hand, dt, far_m)
+        at = at._replace(p=position, v=velocity)
+    return state._replace(filter=at)
+
+
 def _approach(state: State, x: Input, dt: float, p: Params) -> State:
-    """Position mode, or a standstill where the filter has nothing to go by."""
-    goal, speed = (x.goal, x.speed_mps) if x.permit is Permit.POSITION else (state.hold, 0.3)
+    """Position mode, or a standstill where the filter is not to be asked or has nothing to go by."""
+    goal, speed = (x.goal, x.speed_mps) if x.permit is Permit.POSITION else (state.hold, p.flight.follow_mps)
     at, a = approach.step(approach.State(state.filter.p, state.filter.v), goal, speed, dt, p.approach)
     moved = state.filter._replace(p=at.p, v=at.v, a=a)
     return state._replace(filter=moved, u_A=np.zeros(3), hold=at.p if x.permit is Permit.POSITION else state.hold)
@@ -174,7 +214,7 @@ def _command(state: State, x: Input, p: Params) -> tuple[Command, Array]:
     if x.permit is Permit.WAIT:
         return admittance.wait(x.goal, p.flight.handle_weight_N, p.admittance), state.filter.p
     if state.kind is SetpointKind.EASE:
-        return admittance.ease(state.hold, p.admittance), state.hold
+        return admittance.ease(state.hold, p.admittance, anchored=x.hand is not None), state.hold
     if x.held and x.guidance is not None:
         return admittance.guide(x.guidance.p_R_d, x.guidance.f_d, x.guidance.scale, p.admittance), state.filter.p
     return admittance.hold_height(state.hold, p.flight.handle_weight_N, p.admittance), state.hold

@@ -1,6 +1,7 @@
 """What the autopilot is to be asked for now: offboard, arming, landing. A pure decision; acknowledged is not flying.
 
-Only the take-off phase may arm: a vehicle that has disarmed itself in flight or after landing stays so.
+Only the take-off phase may arm: a vehicle that has disarmed itself in flight or after landing stays so. The order to stop
+the motors is no step of this ladder: it waits for no other answer and is repeated until the vehicle is seen disarmed.
 """
 
 from enum import Enum
@@ -31,8 +32,15 @@ def next_order(permit: Permit, phase: Phase, armed: bool, mode: FlightMode, stre
     return Order.NOTHING if armed else Order.ARM
 
 
+def kills(permit: Permit, armed: bool) -> bool:
+    """Whether the motors are to be stopped at once, in whatever phase and mode."""
+    return permit is Permit.KILL and armed
+
+
 def streams(permit: Permit, phase: Phase, armed: bool, mode: FlightMode) -> bool:
     """Whether set-points may leave: never without a permit, and no longer once the autopilot lands by itself."""
+    if permit is Permit.KILL:
+        return False
     if not armed:
         return permit is Permit.POSITION and phase is Phase.TAKEOFF
     return permit is not Permit.NONE and mode not in (FlightMode.LAND, FlightMode.DESCEND)

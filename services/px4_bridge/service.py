@@ -1,7 +1,8 @@
 """The only one that talks to the vehicle: IMU and state out to the bus, set-points and poses in to the autopilot.
 
-Four concurrent loops: relay of the IMU, relay of poses, the set-point loop (the admittance filter inside), and the orders
-(mode, arming). If one of them fails, all end, the process ends, and the set-points with it.
+Five concurrent loops: relay of the IMU, relay of poses, the set-point loop (the admittance filter inside), the orders
+(mode, arming), and the one that stops the motors. If one of them fails, all end, the process ends, and the set-points with
+it. A person's `kill` is heard here too, so that it works without a supervisor.
 """
 
 import asyncio
@@ -10,20 +11,33 @@ from dataclasses import dataclass
 import numpy as np
 
 from schemas.message import Quaternion, Vec3
-from schemas.safety import Permit, Phase
-from schemas.topics import CABLE_FORCE, GUIDANCE, ROBOT_POSE, SAFETY_STATE, SETPOINT, VEHICLE_IMU, VEHICLE_STATE
+from schemas.safety import Action, Permit, Phase
+from schemas.topics import (
+    CABLE_FORCE,
+    GUIDANCE,
+    HANDLE_STATE,
+    REQUEST,
+    ROBOT_POSE,
+    SAFETY_STATE,
+    SETPOINT,
+    VEHICLE_IMU,
+    VEHICLE_STATE,
+)
+from schemas.tracking import HandleSource
 from schemas.vehicle import FlightMode, SetpointKind, VehicleImu, VehicleState
 from schemas.vehicle import Setpoint as SetpointMessage
 from services.config import Config
 from services.px4_bridge import flight, orders, permits
 from services.px4_bridge.flight import Force, Guidance
+from services.px4_bridge.leash import Hand
 from services.px4_bridge.orders import Order
 from services.px4_bridge.telemetry import ImuSample, VehicleSample
+from services.px4_bridge.trust import credible_force, credible_guidance
 from services.px4_bridge.vehicle import MavsdkVehicle, Vehicle, VehicleError
 from services.runtime.node import Node, used
 from services.runtime.pace import Pace
 
-ORDERS_RATE_HZ = 5.0
+ORDERS_RATE_HZ, KILL_RATE_HZ = 5.0, 25.0
 
 
 async def run(node: Node, config: Config) -> None:
@@ -35,10 +49,16 @@ async def run(node: Node, config: Config) -> None:
 
 
 async def fly(node: Node, config: Config, vehicle: Vehicle) -> None:
-    """All four loops on a connected vehicle."""
+    """All loops on a connected vehicle."""
     bridge = Bridge(node, config, vehicle)
     async with asyncio.TaskGroup() as loops:
-        for loop in (bridge.relay_imu, bridge.relay_poses, bridge.stream_setpoints, bridge.give_orders):
+        for loop in (
+            bridge.relay_imu,
+            bridge.relay_poses,
+            bridge.stream_setpoints,
+            bridge.give_orders,
+            bridge.stop_motors,
+        ):
             loops.create_task(loop())
 
 
@@ -48,6 +68,8 @@ class Word:
 
     permit: Permit = Permit.NONE
     phase: Phase = Phase.IDLE
+    killed: bool = False
+    """By a person, and for good: flying again needs a new start of this service."""
 
 
 class Bridge:
@@ -59,7 +81,8 @@ class Bridge:
             config.px4_bridge.flight, config.px4_bridge.admittance, config.px4_bridge.approach, config.px4_bridge.limits
         )
         self._safety, self._guidance = node.latest(SAFETY_STATE), node.latest(GUIDANCE)
-        self._forces = node.queue(CABLE_FORCE)
+        self._handle = node.latest(HANDLE_STATE)
+        self._forces, self._requests = node.queue(CABLE_FORCE), node.queue(REQUEST)
         self._word = Word()
         self._streaming_s = 0.0
         self._trouble = ""
@@ -93,7 +116,7 @@ class Bridge:
                 state, self._streaming_s = None, 0.0
                 continue
             state = state or flight.initial(robot.p_W)
-            state, output = flight.step(state, self._input(forces), tick.dt_s, self._params)
+            state, output = flight.step(state, self._input(forces, last_force_ns, state), tick.dt_s, self._params)
             message = self._message(output, last_force_ns)
             self._vehicle.send_setpoint(output.sent.p, output.sent.v, output.sent.a, message.yaw_rad)
             sent.publish(message)
@@ -110,6 +133,15 @@ class Bridge:
             except VehicleError as error:
                 self._trouble = str(error)
             self._node.status = self._trouble or f"{robot.mode}, {self._word.permit}"
+
+    async def stop_motors(self) -> None:
+        """Beside the orders, because one of them may wait for its answer when a person wants the motors stopped."""
+        async for _ in self._node.ticks(KILL_RATE_HZ):
+            if orders.kills(self._word.permit, self._vehicle.sample.armed):
+                try:
+                    await self._vehicle.kill()
+                except VehicleError as error:
+                    self._trouble = str(error)
 
     async def _carry_out(self, order: Order) -> None:
         match order:
@@ -130,30 +162,55 @@ class Bridge:
         else:
             heard_permit, age_s = heard.permit, self._safety.age_s
             self._word.phase = heard.phase
-        self._word.permit = permits.effective(heard_permit, age_s, link.permit_silent_s, link.permit_lost_s)
+        permit = permits.effective(heard_permit, age_s, link.permit_silent_s, link.permit_lost_s)
+        asked = any(request.action is Action.KILL for request in self._requests.drain())
+        self._word.killed |= asked or permit is Permit.KILL
+        self._word.permit = Permit.KILL if self._word.killed else permit
 
     def _new_forces(self, last_ns: int) -> tuple[list[Force], int]:
-        """Force samples since the last tick, with the time from one to the next."""
+        """Force samples that can be true, since the last tick, with the time from one to the next."""
         forces: list[Force] = []
         for sample in self._forces.drain():
-            dt_s = min(max((sample.stamp_ns - last_ns) * 1e-9, 1e-4), 0.1)
-            last_ns = sample.stamp_ns
-            if sample.valid:
+            f_c = sample.force_N.array()
+            if not credible_force(f_c, self._config.px4_bridge.trust):
+                self._node.reject(CABLE_FORCE.key, f"force_N = {f_c}: no cable pulls like that")
+            elif sample.valid:
+                dt_s = min(max((sample.stamp_ns - last_ns) * 1e-9, 1e-4), 0.1)
+                last_ns = sample.stamp_ns
                 slack = sample.slack_m > self._config.force_estimator.bias.slack_margin_m
-                forces.append(Force(sample.force_N.array(), slack, dt_s))
+                forces.append(Force(f_c, slack, dt_s))
         return forces, last_ns
 
-    def _input(self, forces: list[Force]) -> flight.Input:
-        heard, command = self._safety.message, self._guidance.value
+    def _input(self, forces: list[Force], last_force_ns: int, state: flight.State) -> flight.Input:
+        heard = self._safety.message
         return flight.Input(
             permit=self._word.permit,
             goal=heard.goal_m.array() if heard else np.zeros(3),
             speed_mps=heard.speed_mps if heard else 0.0,
             held=heard is not None and heard.held,
             forces=forces,
-            force_fresh=self._forces.age_s < self._config.px4_bridge.link.force_silent_s,
-            guidance=Guidance(command.p_R_d_m.array(), command.f_d_N.array(), command.scale) if command else None,
+            force_fresh=self._node.clock.now_ns() - last_force_ns < 1e9 * self._config.px4_bridge.link.force_silent_s,
+            guidance=self._guided(state),
+            hand=self._hand(),
         )
+
+    def _guided(self, state: flight.State) -> Guidance | None:
+        """What the ground asks for, where it is fresh and can be meant."""
+        command = self._guidance.value
+        if command is None:
+            return None
+        guidance = Guidance(command.p_R_d_m.array(), command.f_d_N.array(), command.scale)
+        if credible_guidance(guidance, state.filter.p, self._config.px4_bridge.trust):
+            return guidance
+        self._node.reject(GUIDANCE.key, f"p_R_d_m = {guidance.p_R_d}, f_d_N = {guidance.f_d}: cannot be meant")
+        return None
+
+    def _hand(self) -> Hand | None:
+        """Where motion capture sees the handle."""
+        handle = self._handle.value
+        if handle is None or handle.source is not HandleSource.MOCAP:
+            return None
+        return Hand(handle.position_m.array(), handle.velocity_mps.array())
 
     def _message(self, output: flight.Output, force_ns: int) -> SetpointMessage:
         now_ns = self._node.clock.now_ns()

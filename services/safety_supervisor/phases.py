@@ -2,6 +2,7 @@
 
 A pure transition function over the phases of `schemas.safety.Phase`. The paper's Ph.1 is takeoff to ready, Ph.2 guiding,
 Ph.3 arrived to landed. Levels come from the rules and from the operator; they override the phase's permit, never raise it.
+KILLED is reached from every phase, by a person alone, and is left only with the process.
 """
 
 from typing import NamedTuple
@@ -35,6 +36,8 @@ class Times:
     """For the person to step back before the vehicle moves away."""
     takeoff_limit_s: Positive
     """For the take-off, and again for zeroing."""
+    clearing_limit_s: Positive
+    """Then it lands where it is: somebody may not have let go."""
     ready_limit_s: Positive
     fast_mps: Positive
     slow_mps: Positive
@@ -108,25 +111,22 @@ def _settled(state: PhaseState, goal: Array, seen: Seen, dt: float, p: Times) ->
 
 def _operator(state: PhaseState, seen: Seen) -> PhaseState:
     """A command only raises the level, except `resume`, which gives it back."""
-    match seen.action:
-        case Action.EASE:
-            return state._replace(operator_level=max(state.operator_level, Level.EASE))
-        case Action.HOLD:
-            return state._replace(operator_level=max(state.operator_level, Level.HOLD))
-        case Action.LAND:
-            return state._replace(operator_level=max(state.operator_level, Level.LAND))
-        case Action.RESUME if state.operator_level < Level.LAND:
-            return state._replace(operator_level=Level.OK)
-        case _:
-            return state
+    if seen.action is Action.RESUME and state.operator_level < Level.LAND:
+        return state._replace(operator_level=Level.OK)
+    asked = ASKED.get(seen.action, Level.OK) if seen.action else Level.OK
+    return state._replace(operator_level=max(state.operator_level, asked))
 
 
+ASKED = {Action.EASE: Level.EASE, Action.HOLD: Level.HOLD, Action.LAND: Level.LAND, Action.KILL: Level.KILL}
+"""The level that each command raises to."""
 AIRBORNE = (Phase.TAKEOFF, Phase.ZEROING, Phase.READY, Phase.GUIDING, Phase.ARRIVED, Phase.CLEARING, Phase.HOLD)
 
 
 def _escalate(state: PhaseState, seen: Seen) -> PhaseState | None:
     """What a level does to the phase, or None where the phase goes its own way."""
     level = max(seen.level, state.operator_level)
+    if level >= Level.KILL and state.phase is not Phase.KILLED:
+        return _enter(state, Phase.KILLED, "motors off")
     if state.phase not in AIRBORNE:
         return None
     if level >= Level.DESCEND:
@@ -181,6 +181,8 @@ def _clearing(state: PhaseState, seen: Seen, dt: float, plan: Plan, p: Times) ->
         return _enter(state, Phase.LANDING)
     if state.leg == 0:
         return state._replace(leg=1) if state.in_phase_s >= p.step_back_s else state
+    if state.in_phase_s > p.clearing_limit_s:
+        return _enter(state, Phase.LANDING, "clearing took too long")
     far = float(np.sqrt(np.sum((plan.clearing[state.leg - 1] - seen.p_R) ** 2))) > 2.0 * p.settle_m
     if far:
         return state
@@ -212,6 +214,7 @@ _PHASES = {
     Phase.LANDING: _landing,
     Phase.LANDED: _stay,
     Phase.HOLD: _hold,
+    Phase.KILLED: _stay,
 }
 
 _PERMITS = {
@@ -224,7 +227,8 @@ _PERMITS = {
     Phase.CLEARING: Permit.POSITION,
     Phase.LANDING: Permit.LAND,
     Phase.LANDED: Permit.NONE,
-    Phase.HOLD: Permit.EASE,
+    Phase.HOLD: Permit.HOLD,
+    Phase.KILLED: Permit.KILL,
 }
 
 

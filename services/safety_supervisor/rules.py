@@ -14,7 +14,7 @@ import numpy as np
 from schemas.safety import Level, Phase
 from services.parameters import Positive, parameters
 
-FLYING = frozenset(Phase) - {Phase.IDLE, Phase.LANDED}
+FLYING = frozenset(Phase) - {Phase.IDLE, Phase.LANDED, Phase.KILLED}
 ENGAGED = frozenset({Phase.READY, Phase.GUIDING, Phase.ARRIVED})
 PREPARED = ENGAGED | {Phase.IDLE}  # on the ground these keep the vehicle from starting
 PULLING = frozenset({Phase.GUIDING, Phase.ARRIVED})

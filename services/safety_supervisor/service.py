@@ -25,6 +25,7 @@ from services.runtime.node import Node, used
 from services.runtime.readers import Latest
 from services.safety_supervisor import distances, held, phases, rules
 from services.safety_supervisor.plan import plan
+from services.safety_supervisor.requests import Requests
 from services.safety_supervisor.rules import Facts, Rule
 
 
@@ -59,18 +60,20 @@ async def run(node: Node, config: Config) -> None:
     weight_N = config.px4_bridge.flight.handle_weight_N
     route = plan(path, config.cable, weight_N, p.below_m, p.away_m, p.aside_m)
     person = Person(held.start(p.held), path.t_hat(0.0))
-    state, broken, stalls = phases.PhaseState(), rules.initial(), 0
+    state, broken, stalls, requests = phases.PhaseState(), rules.initial(), 0, Requests()
     async for tick in node.ticks(SAFETY_STATE.rate_Hz):
         person = _observe(person, senses, tick.dt_s, config)
         facts = _facts(senses, person, tick.missed / SAFETY_STATE.rate_Hz, config)
         stalls += facts.stall_s > p.limits.stall_s
-        request = (senses.requests.drain() or [None])[-1]
+        request = requests.next(senses.requests.drain())
         action = request.action if request else None
         broken, active = rules.step(broken, facts, state.phase, action is Action.RESUME, tick.dt_s, p.limits)
         seen = _seen(action, active, senses, bool(person.held.held), path.p(1.0))
         state, decision = phases.step(state, seen, tick.dt_s, route, p.times)
         if request:
-            replies.publish(_reply(request, state, active))
+            requests.answered(_reply(request, state, active))
+        for reply in requests.replies():
+            replies.publish(reply)
         node.status = f"{state.phase} {state.why}".strip()
         out.publish(
             SafetyState(
@@ -172,6 +175,10 @@ def _reasons(state: phases.PhaseState, active: list[Rule], senses: Senses) -> li
 
 
 def _reply(request: OperatorRequest, state: phases.PhaseState, active: list[Rule]) -> OperatorReply:
-    refused = request.action is Action.START and state.phase is Phase.IDLE
+    """What came of a request, in words."""
+    not_started = request.action is Action.START and state.phase is Phase.IDLE
+    limited = [rule for rule in active if rule.level >= Level.EASE]
+    not_resumed = request.action is Action.RESUME and (state.phase is Phase.HOLD or bool(limited))
+    refused = not_started or not_resumed
     text = "; ".join(rule.text for rule in active) or "not ready" if refused else f"phase {state.phase}"
     return OperatorReply(request_id=request.request_id, accepted=not refused, text=text)

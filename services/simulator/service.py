@@ -56,7 +56,7 @@ def _told(safety: Latest[SafetyState]) -> Told:
     phase = safety.message.phase if safety.message else Phase.IDLE
     return Told(
         take=phase in (Phase.READY, Phase.GUIDING),
-        let_go=phase in (Phase.CLEARING, Phase.LANDING, Phase.LANDED),
+        let_go=phase in (Phase.CLEARING, Phase.LANDING, Phase.LANDED, Phase.KILLED),
     )
 
 

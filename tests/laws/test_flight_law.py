@@ -28,6 +28,8 @@ P = Params(
         ceiling_m=2.1,
         feed_forward_ramp_s=1.0,
         ease_slack_m=0.05,
+        hand_clear_m=0.85,
+        follow_mps=1.0,
         yaw_rad=0.0,
     ),
     ideal.FILTER,

@@ -19,6 +19,7 @@ P = Times(
     arrived_m=0.1,
     step_back_s=0.8,
     takeoff_limit_s=5.0,
+    clearing_limit_s=20.0,
     ready_limit_s=4.0,
     fast_mps=0.6,
     slow_mps=0.4,
@@ -26,7 +27,7 @@ P = Times(
 DT = 0.1
 ROUTE = Plan(np.array([0.0, 0.0, 2.0]), (np.array([3.0, 0, 2]), np.array([3.0, 0, 1]), np.array([3.0, 1, 1])))
 FAR = np.array([9.0, 9.0, 0.0])
-FLYING = tuple(p for p in Phase if p not in (Phase.IDLE, Phase.LANDED))
+FLYING = tuple(p for p in Phase if p not in (Phase.IDLE, Phase.LANDED, Phase.KILLED))
 OBEYING = tuple(p for p in FLYING if p is not Phase.LANDING)  # from there only the ground is left
 BEFORE_HOLD = tuple(p for p in OBEYING if p is not Phase.HOLD)
 CALM = Seen(None, Level.OK, FAR, np.zeros(3), armed=True, tare=Tare.NONE, held=False, end_distance_m=9.0)
@@ -162,7 +163,8 @@ def test_the_permits_of_a_calm_flight() -> None:
         Phase.CLEARING: Permit.EASE,
         Phase.LANDING: Permit.LAND,
         Phase.LANDED: Permit.NONE,
-        Phase.HOLD: Permit.EASE,
+        Phase.HOLD: Permit.HOLD,
+        Phase.KILLED: Permit.KILL,
     }
     assert {phase: tick(PhaseState(phase), held=True)[1].permit for phase in Phase} == expected
 
@@ -180,7 +182,7 @@ def test_descend_lands_at_once(phase: Phase, by: dict[str, object]) -> None:
 @pytest.mark.parametrize("by", [{"level": Level.HOLD}, {"action": Action.HOLD}], ids=["rule", "person"])
 def test_hold_stops_everything_and_goes_back_to_where_it_was(phase: Phase, by: dict[str, object]) -> None:
     held, decision = tick(PhaseState(phase), **by)
-    assert (held.phase, decision.permit) == (Phase.HOLD, Permit.EASE)
+    assert (held.phase, decision.permit) == (Phase.HOLD, Permit.HOLD)
     waited = after(held, 2.0)
     assert waited.phase is Phase.HOLD
     blocked = after(waited, DT, action=Action.RESUME, level=Level.EASE)
@@ -229,3 +231,26 @@ def test_ease_is_taken_back_by_resume_in_the_same_phase() -> None:
 def test_no_pull_from_ease_on(phase: Phase, level: Level) -> None:
     permit = tick(PhaseState(phase), held=True, level=level)[1].permit
     assert (permit in (Permit.WAIT, Permit.GUIDE)) == (level < Level.EASE)
+
+
+@pytest.mark.parametrize("phase", list(Phase))
+def test_kill_stops_the_motors_from_every_phase_for_good(phase: Phase) -> None:
+    killed, decision = tick(PhaseState(phase), action=Action.KILL)
+    assert (killed.phase, decision.permit) == (Phase.KILLED, Permit.KILL)
+    for action in Action:
+        assert after(killed, 1.0, action=action, armed=False).phase is Phase.KILLED
+    assert killed.operator_level is Level.KILL
+
+
+@pytest.mark.parametrize("phase", [p for p in Phase if p is not Phase.KILLED])
+def test_only_a_person_stops_the_motors(phase: Phase) -> None:
+    for level in Level:
+        if level is not Level.KILL:
+            assert after(PhaseState(phase), 1.0, level=level).phase is not Phase.KILLED
+
+
+def test_a_clearing_that_does_not_get_on_ends_in_a_landing() -> None:
+    """Somebody who does not let go keeps the vehicle near: then it comes down there."""
+    took, state = leaves_after(Phase.CLEARING, P.clearing_limit_s + 1.0, held=True)
+    assert state.phase is Phase.LANDING
+    assert took > P.clearing_limit_s

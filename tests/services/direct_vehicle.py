@@ -114,6 +114,10 @@ class DirectVehicle(Vehicle):
         await self._order(f"mode {mode.value}", lambda ticket: Switch(_MODES[mode], ticket))
         await self._shown(f"mode {mode.value}", lambda now: now.mode is mode)
 
+    async def kill(self) -> None:
+        await self._order("kill", lambda ticket: Arm(False, force=True, ticket=ticket))
+        await self._shown("kill", lambda now: not now.armed)
+
     async def terminate(self) -> None:
         await self._order("flight termination", Terminate)
 
