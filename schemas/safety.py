@@ -78,6 +78,10 @@ class Action(StrEnum):
     RESUME = "resume"
 
 
+RAISES = {Action.EASE: Level.EASE, Action.HOLD: Level.HOLD, Action.LAND: Level.LAND, Action.KILL: Level.KILL}
+"""The level that a command raises to; `resume` gives it back, below LAND."""
+
+
 class OperatorRequest(Message):
     """A person's command; repeated by its sender until a safety state answers with the same `request_id` as input."""
 

@@ -82,6 +82,25 @@ def status(profile: Profile = "demo") -> None:
     raise typer.Exit(look.status(profile))
 
 
+def _command(name: str, action: str, help_text: str) -> None:
+    """A person's command, under its own name."""
+
+    @app.command(name, help=help_text)
+    def give(profile: Profile = "demo") -> None:  # pyright: ignore[reportUnusedFunction]  (typer has it)
+        from schemas.safety import Action
+        from services import operator
+
+        raise typer.Exit(operator.command(Action(action), profile))
+
+
+_command("start", "start", "Ask for the take-off of a system that is up.")
+_command("stop", "ease", "Take all force away at once; the cable hangs slack. `clew resume` goes on.")
+_command("hold", "hold", "As stop, and stand there until a person resumes.")
+_command("land", "land", "Fly aside and land; it cannot be taken back.")
+_command("kill", "kill", "Stop the motors at once, in the air too: the vehicle falls.")
+_command("resume", "resume", "Go on after stop or hold, if nothing else limits the system.")
+
+
 def main() -> None:
     """The console script."""
     app()

@@ -67,7 +67,10 @@ class Word:
     """The supervisor's word as it counts now, shared by the set-point loop and the orders."""
 
     permit: Permit = Permit.NONE
+    said: Permit | None = None
     phase: Phase = Phase.IDLE
+    fresh_ns: int = 0
+    """When a word was last true and new."""
     killed: bool = False
     """By a person, and for good: flying again needs a new start of this service."""
 
@@ -83,7 +86,7 @@ class Bridge:
         self._safety, self._guidance = node.latest(SAFETY_STATE), node.latest(GUIDANCE)
         self._handle = node.latest(HANDLE_STATE)
         self._forces, self._requests = node.queue(CABLE_FORCE), node.queue(REQUEST)
-        self._word = Word()
+        self._word, self._now_ns = Word(), node.clock.now_ns
         self._streaming_s = 0.0
         self._trouble = ""
 
@@ -156,16 +159,15 @@ class Bridge:
 
     def _listen(self) -> None:
         """The supervisor's newest valid word, worth what its age allows."""
-        link, heard = self._config.px4_bridge.link, self._safety.message
-        if heard is None or not heard.valid:
-            heard_permit, age_s = (self._word.permit, float("inf")) if heard else (None, float("inf"))
-        else:
-            heard_permit, age_s = heard.permit, self._safety.age_s
-            self._word.phase = heard.phase
-        permit = permits.effective(heard_permit, age_s, link.permit_silent_s, link.permit_lost_s)
+        link, heard, word, now_ns = self._config.px4_bridge.link, self._safety.message, self._word, self._now_ns()
+        ages_s = abs(self._safety.age_s), (now_ns - self._safety.received_ns) * 1e-9  # a clock may be wrong either way
+        if heard is not None and heard.valid and max(ages_s) <= link.permit_silent_s:
+            word.said, word.phase, word.fresh_ns = heard.permit, heard.phase, min(heard.stamp_ns, now_ns)
+        age_s = (now_ns - word.fresh_ns) * 1e-9
+        permit = permits.effective(word.said, age_s, link.permit_silent_s, link.permit_lost_s)
         asked = any(request.action is Action.KILL for request in self._requests.drain())
-        self._word.killed |= asked or permit is Permit.KILL
-        self._word.permit = Permit.KILL if self._word.killed else permit
+        word.killed |= asked or permit is Permit.KILL
+        word.permit = Permit.KILL if word.killed else permit
 
     def _new_forces(self, last_ns: int) -> tuple[list[Force], int]:
         """Force samples that can be true, since the last tick, with the time from one to the next."""
@@ -173,7 +175,8 @@ class Bridge:
         for sample in self._forces.drain():
             f_c = sample.force_N.array()
             if not credible_force(f_c, self._config.px4_bridge.trust):
-                self._node.reject(CABLE_FORCE.key, f"force_N = {f_c}: no cable pulls like that")
+                if self._vehicle.sample.in_air:  # the ground carries what no cable can
+                    self._node.reject(CABLE_FORCE.key, f"force_N = {f_c}: no cable pulls like that")
             elif sample.valid:
                 dt_s = min(max((sample.stamp_ns - last_ns) * 1e-9, 1e-4), 0.1)
                 last_ns = sample.stamp_ns
@@ -189,7 +192,7 @@ class Bridge:
             speed_mps=heard.speed_mps if heard else 0.0,
             held=heard is not None and heard.held,
             forces=forces,
-            force_fresh=self._node.clock.now_ns() - last_force_ns < 1e9 * self._config.px4_bridge.link.force_silent_s,
+            force_fresh=self._now_ns() - last_force_ns < 1e9 * self._config.px4_bridge.link.force_silent_s,
             guidance=self._guided(state),
             hand=self._hand(),
         )

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from schemas.estimation import Tare
-from schemas.safety import Action, Level, Permit, Phase
+from schemas.safety import RAISES, Action, Level, Permit, Phase
 from services.parameters import Positive, parameters
 
 Array = NDArray[np.float64]
@@ -113,12 +113,10 @@ def _operator(state: PhaseState, seen: Seen) -> PhaseState:
     """A command only raises the level, except `resume`, which gives it back."""
     if seen.action is Action.RESUME and state.operator_level < Level.LAND:
         return state._replace(operator_level=Level.OK)
-    asked = ASKED.get(seen.action, Level.OK) if seen.action else Level.OK
+    asked = RAISES.get(seen.action, Level.OK) if seen.action else Level.OK
     return state._replace(operator_level=max(state.operator_level, asked))
 
 
-ASKED = {Action.EASE: Level.EASE, Action.HOLD: Level.HOLD, Action.LAND: Level.LAND, Action.KILL: Level.KILL}
-"""The level that each command raises to."""
 AIRBORNE = (Phase.TAKEOFF, Phase.ZEROING, Phase.READY, Phase.GUIDING, Phase.ARRIVED, Phase.CLEARING, Phase.HOLD)
 
 

@@ -168,6 +168,9 @@ def _seen(action: Action | None, active: list[Rule], senses: Senses, is_held: bo
 def _reasons(state: phases.PhaseState, active: list[Rule], senses: Senses) -> list[str]:
     """The gravest first; then why this phase was entered, and what zeroing says."""
     texts = [f"{rule.text}: {rule.cure}" for rule in active]
+    if state.operator_level >= Level.EASE:
+        told = f"a person asked to {state.operator_level.name.lower()}"
+        texts.insert(0, f"{told}: clew resume goes on" if state.operator_level < Level.LAND else told)
     force = senses.force.message
     if force and force.tare is Tare.FAILED:
         texts.append(f"zeroing failed: {force.tare_report}")

@@ -20,6 +20,8 @@ from schemas.topics import (
 from schemas.vehicle import FlightMode, SetpointKind
 from services import cable
 from services.config import load
+from services.faults.chain import Stage, fly
+from services.faults.direct_vehicle import DirectVehicle
 from services.physics import norm
 from services.px4_bridge import service as px4_bridge
 from services.simulator import service as simulator
@@ -34,8 +36,6 @@ from tests.services.alone import (
     since,
     verdict,
 )
-from tests.services.chain import Stage, fly
-from tests.services.direct_vehicle import DirectVehicle
 
 CONFIG = load("demo")
 HAND = CONFIG.guided_path.p(0.2)

@@ -10,10 +10,10 @@ from schemas.safety import Action, Level, Permit, Phase
 from schemas.topics import CABLE_FORCE, HANDLE_STATE, MOCAP_FRAME, SETPOINT, TRUTH, Stance
 from schemas.tracking import HandleSource, MocapFrame
 from services.config import load
+from services.faults.chain import Flight, Stage, fly, until_guiding, whole
+from services.faults.quick import quick_config
 from services.recorder import metrics
 from services.simulator.human import Event, Kind
-from tests.services.chain import Flight, Stage, fly, until_guiding, whole
-from tests.services.quick import quick_config
 
 
 @pytest.fixture(scope="module")

@@ -3,19 +3,20 @@
 import asyncio
 import importlib
 from collections import defaultdict
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Coroutine, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from schemas.safety import Action, OperatorRequest, Phase, SafetyState
 from schemas.topics import OPERATOR, REQUEST, SAFETY_STATE, TOPICS
 from services.config import Config
+from services.faults.direct_vehicle import DirectVehicle
+from services.faults.meddled_bus import MeddledBus
+from services.faults.stoppable import StoppableNode
 from services.px4_bridge import service as bridge
-from services.runtime.memory_bus import MemoryBus
 from services.runtime.node import Node
 from services.runtime.virtual import VirtualClock, run_virtual
 from services.simulator import service as simulator
-from tests.services.direct_vehicle import DirectVehicle
 
 MAVLINK_DELAY_S = 0.003
 ON_THE_BUS_ONLY = ("tracker", "force_estimator", "guiding_controller", "safety_supervisor")
@@ -51,10 +52,34 @@ class Flight:
 class Stage:
     """A running system that a test can disturb."""
 
-    bus: MemoryBus
+    bus: MeddledBus
     flight: Flight
     tasks: dict[str, asyncio.Task[None]]
     operator: Node
+    nodes: dict[str, StoppableNode] = field(default_factory=dict)
+    begin: Callable[[str], None] = lambda name: None
+    """Start a service (again)."""
+
+    @property
+    def now_s(self) -> float:
+        """Virtual time."""
+        return self.operator.clock.now_ns() * 1e-9
+
+    def kill(self, name: str) -> None:
+        """What kill -9 does: no service ends by itself after that."""
+        self.tasks.pop(name).cancel()
+
+    def stop(self, name: str) -> None:
+        """What SIGSTOP does."""
+        self.nodes[name].going.clear()
+        if name == "px4_bridge":
+            self.flight.vehicle.going.clear()
+
+    def go_on(self, name: str) -> None:
+        """What SIGCONT does."""
+        self.nodes[name].going.set()
+        if name == "px4_bridge":
+            self.flight.vehicle.going.set()
 
     def ask(self, action: Action, number: int = 1) -> None:
         """Send one request."""
@@ -73,9 +98,15 @@ class Stage:
         raise AssertionError
 
 
-def fly(config: Config, script: Callable[[Stage], Awaitable[object]], limit_s: float = 200.0) -> Flight:
-    """Start every service, run `script` (a coroutine function), stop; what was said meanwhile."""
-    return run_virtual(_fly(config, script), limit_s=limit_s)
+Script = Callable[[Stage], Awaitable[object]]
+
+
+def fly(config: Config, script: Script, limit_s: float = 200.0, configs: Mapping[str, Config] | None = None) -> Flight:
+    """Start every service, run `script` (a coroutine function), stop; what was said meanwhile.
+
+    `configs` gives a service another configuration than the rest: a world that is not as it is believed to be.
+    """
+    return run_virtual(_fly(config, script, configs), limit_s=limit_s)
 
 
 async def whole(stage: Stage) -> None:
@@ -93,25 +124,38 @@ async def until_guiding(stage: Stage, for_s: float = 0.0) -> None:
     await asyncio.sleep(for_s)
 
 
-async def _fly(config: Config, script: Callable[[Stage], Awaitable[object]]) -> Flight:
-    clock, bus = VirtualClock(), MemoryBus()
+async def _fly(config: Config, script: Script, configs: Mapping[str, Config] | None) -> Flight:
+    clock, bus = VirtualClock(), MeddledBus()
     vehicle = DirectVehicle(config.px4_bridge.vehicle, clock.now_ns, MAVLINK_DELAY_S)
     flight = Flight(config, vehicle)
     for topic in TOPICS:
         bus.subscribe(
             topic.key, lambda key, payload, t=topic: flight.said[key].append(t.type.model_validate_json(payload))
         )
-    runs = {
-        "simulator": simulator.play(Node("simulator", bus, clock), config, vehicle),
-        "px4_bridge": bridge.fly(Node("px4_bridge", bus, clock), config, vehicle),
-    }
-    for name in ON_THE_BUS_ONLY:
-        runs[name] = importlib.import_module(f"services.{name}.service").run(Node(name, bus, clock), config)
-    tasks = {name: asyncio.create_task(run, name=name) for name, run in runs.items()}
+    tasks: dict[str, asyncio.Task[None]] = {}
+    nodes: dict[str, StoppableNode] = {}
+
+    def begin(name: str) -> None:
+        node = nodes[name] = StoppableNode(name, bus, clock)
+        tasks[name] = asyncio.create_task(_run(name, node, (configs or {}).get(name, config), vehicle), name=name)
+
+    for name in ("simulator", "px4_bridge", *ON_THE_BUS_ONLY):
+        begin(name)
     try:
-        await script(Stage(bus, flight, tasks, Node(OPERATOR, bus, clock, observer=True)))
+        await script(Stage(bus, flight, tasks, Node(OPERATOR, bus, clock, observer=True), nodes, begin))
     finally:
         for task in tasks.values():
             task.cancel()
         await asyncio.gather(*tasks.values(), return_exceptions=True)
     return flight
+
+
+def _run(name: str, node: Node, config: Config, vehicle: DirectVehicle) -> Coroutine[Any, Any, None]:
+    """The service as the launcher runs it, but for the wire between autopilot and bridge."""
+    match name:
+        case "simulator":
+            return simulator.play(node, config, vehicle)
+        case "px4_bridge":
+            return bridge.fly(node, config, vehicle)
+        case _:
+            return importlib.import_module(f"services.{name}.service").run(node, config)
