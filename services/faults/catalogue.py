@@ -1,5 +1,6 @@
 """All faults that can be tried on virtual time, each one row. What needs real processes is in tests/faults."""
 
+import asyncio
 import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -12,14 +13,14 @@ from schemas.topics import (
     HANDLE_STATE,
     MOCAP_FRAME,
     SAFETY_STATE,
-    Topic,
     VEHICLE_IMU,
     VEHICLE_STATE,
+    Topic,
 )
 from services.config import Config
 from services.faults import meddled_bus as bus
 from services.faults.chain import Stage
-from services.faults.direct_vehicle import Garble, Messages
+from services.faults.direct_vehicle import Messages
 from services.faults.fault import GUIDING, Fault, Group, Moment, Reaction
 from services.simulator.commander import Arm, Mode, SetOrigin, SetParameter, Switch
 from services.simulator.human import Event, Kind
@@ -65,11 +66,29 @@ def _processes() -> Iterator[Fault]:
             reaction, within_s = Reaction.ANY, 0.0
         text = f"{name} stands still for {seconds:g} s (SIGSTOP)"
         about = f"stop_{name}_{seconds:g}s".replace(".", "_")
-        yield Fault(about, Group.PROCESS, text, reaction, within_s, _stopped(name, seconds), watch_s=seconds + 4.0)
+        yield Fault(
+            about,
+            Group.PROCESS,
+            text,
+            reaction,
+            within_s,
+            _stopped(name, seconds),
+            watch_s=seconds + 4.0,
+            family=f"{name} stands still",
+        )
     for name in RUNNING:
         reaction, within_s = STOPPED[name]
         text = f"{name} is killed and started again after 1 s"
-        yield Fault(f"restart_{name}", Group.PROCESS, text, reaction, within_s, _restarted(name, 1.0), watch_s=7.0)
+        yield Fault(
+            f"restart_{name}",
+            Group.PROCESS,
+            text,
+            reaction,
+            within_s,
+            _restarted(name, 1.0),
+            watch_s=7.0,
+            family=f"{name} restarted",
+        )
 
 
 RUNNING = ("tracker", "force_estimator", "guiding_controller", "safety_supervisor", "px4_bridge")
@@ -103,13 +122,20 @@ def _death(names: tuple[str, ...], moment: Moment, reaction: Reaction, within_s:
         exempt = {"tip_hand": OVERHEAD, "tip_head": OVERHEAD, "calm": DRAGGED, "armed": DRAGGED, "impact": DRAGGED}
     name = f"kill_{'_and_'.join(names)}_in_{moment.phase}"
     return Fault(
-        name, Group.PROCESS, f"{told} killed in {moment.phase}", reaction, within_s, act, moment, watch_s, exempt=exempt
+        name,
+        Group.PROCESS,
+        f"{told} killed in {moment.phase}",
+        reaction,
+        within_s,
+        act,
+        moment,
+        watch_s,
+        exempt=exempt,
+        family=f"{told} killed",
     )
 
 
-def _later(stage: Stage, seconds: float, act: Callable[[], None]) -> None:
-    import asyncio
-
+def _later(stage: Stage, seconds: float, act: Callable[[], object]) -> None:
     asyncio.get_running_loop().call_later(seconds, act)
 
 
@@ -150,7 +176,16 @@ def _messages() -> Iterator[Fault]:
         reaction, within_s = _garbled(topic, way)
         name = f"{topic.key.split('/')[0]}_{way}"
         about = f"messages of {topic.key} {text}"
-        yield Fault(name, Group.BUS, about, reaction, within_s, _meddled(topic.key, meddle), watch_s=5.0)
+        yield Fault(
+            name,
+            Group.BUS,
+            about,
+            reaction,
+            within_s,
+            _meddled(topic.key, meddle),
+            watch_s=5.0,
+            family=f"{topic.key} {'in disorder' if way in HARMLESS else 'wrong'}",
+        )
 
 
 def _garbled(topic: Topic[Any], way: str) -> tuple[Reaction, float]:
@@ -451,7 +486,16 @@ def _clocks() -> Iterator[Fault]:
         topics = GROUND if host == "ground" else DRONE
         name = f"clock_of_{host}_{'plus' if by_s > 0 else 'minus'}_{abs(by_s):g}s"
         about = f"the stamps of the {host}'s host jump by {by_s:+g} s"
-        yield Fault(name, Group.CLOCK, about, Reaction.EASE, 0.3, _jumped(topics, by_s), watch_s=5.0)
+        yield Fault(
+            name,
+            Group.CLOCK,
+            about,
+            Reaction.EASE,
+            0.3,
+            _jumped(topics, by_s),
+            watch_s=5.0,
+            family=f"clock of the {host}'s host jumps",
+        )
 
 
 def _jumped(topics: tuple[Topic[Any], ...], by_s: float) -> Act:
@@ -472,7 +516,7 @@ def _operator() -> Iterator[Fault]:
     yield Fault("clew_land", O, "an operator lands it", Reaction.LAND, 0.15, _asks(Action.LAND), watch_s=25.0)
     for moment in MOMENTS:
         name = f"clew_kill_in_{moment.phase}"
-        yield Fault(name, O, f"an operator stops the motors in {moment.phase}", Reaction.DISARMED, 0.2, _asks(Action.KILL), moment, 3.0,
+        yield Fault(name, O, f"an operator stops the motors in {moment.phase}", Reaction.DISARMED, 0.2, _asks(Action.KILL), moment, 3.0, family="clew kill",
                     exempt={"impact": "it falls", "tip_hand": "it falls", "tip_head": "it falls", "calm": "it falls"})  # fmt: skip
     yield Fault("clew_kill_without_supervisor", O, "an operator stops the motors, the supervisor dead", Reaction.DISARMED, 0.2, _kill_alone, watch_s=3.0,
                 exempt={"impact": "it falls", "tip_hand": "it falls", "tip_head": "it falls", "calm": "it falls"})  # fmt: skip

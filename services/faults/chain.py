@@ -1,6 +1,7 @@
 """The whole system on virtual time: every service on the memory bus, the vehicle in process, nothing else replaced."""
 
 import asyncio
+import contextlib
 import importlib
 from collections import defaultdict
 from collections.abc import Awaitable, Callable, Coroutine, Mapping
@@ -8,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from schemas.safety import Action, OperatorRequest, Phase, SafetyState
-from schemas.topics import OPERATOR, REQUEST, SAFETY_STATE, TOPICS
+from schemas.topics import BY_KEY, OPERATOR, REQUEST, SAFETY_STATE, TOPICS
 from services.config import Config
 from services.faults.direct_vehicle import DirectVehicle
 from services.faults.meddled_bus import MeddledBus
@@ -29,6 +30,11 @@ class Flight:
     config: Config
     vehicle: DirectVehicle
     said: dict[str, list[Any]] = field(default_factory=lambda: defaultdict(list))
+
+    def hear(self, key: str, payload: bytes) -> None:
+        """Keep what is a message of the topic."""
+        with contextlib.suppress(ValueError):
+            self.said[key].append(BY_KEY[key].type.model_validate_json(payload))
 
     def phases(self) -> list[Phase]:
         """Each phase once, in order."""
@@ -129,9 +135,7 @@ async def _fly(config: Config, script: Script, configs: Mapping[str, Config] | N
     vehicle = DirectVehicle(config.px4_bridge.vehicle, clock.now_ns, MAVLINK_DELAY_S)
     flight = Flight(config, vehicle)
     for topic in TOPICS:
-        bus.subscribe(
-            topic.key, lambda key, payload, t=topic: flight.said[key].append(t.type.model_validate_json(payload))
-        )
+        bus.subscribe(topic.key, flight.hear)
     tasks: dict[str, asyncio.Task[None]] = {}
     nodes: dict[str, StoppableNode] = {}
 

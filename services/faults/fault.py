@@ -64,6 +64,14 @@ class Fault:
     exempt: dict[str, str] = field(default_factory=dict[str, str])
     """Limits that no software can keep here, each with the reason; measured and shown all the same."""
 
+    family: str = ""
+    """What faults that are alike have in common; they share a row in the documentation."""
+
+    def __post_init__(self) -> None:
+        """A fault that is like no other is its own family."""
+        if not self.family:
+            object.__setattr__(self, "family", self.name)
+
     @property
     def alone(self) -> bool:
         """Whether it needs a flight of its own from the start."""

@@ -24,7 +24,19 @@ TIP_M = 0.5
 SILENCE_S = 0.1
 IMPACT_MPS = 1.2
 GROUND_M = 0.15
+HEARD_S = 0.03
 NEVER = float("inf")
+_NUMBERS = (
+    "reaction_s",
+    "commanded_before_N",
+    "commanded_N",
+    "pull_before_N",
+    "pull_N",
+    "pull_after_ease_N",
+    "tip_hand_m",
+    "tip_head_m",
+    "impact_mps",
+)
 
 
 @dataclass(frozen=True)
@@ -38,9 +50,9 @@ class Result:
     reaction_s: float
     commanded_before_N: float
     commanded_N: float
-    hand_before_N: float
-    hand_N: float
-    hand_after_ease_N: float
+    pull_before_N: float
+    pull_N: float
+    pull_after_ease_N: float
     tip_hand_m: float
     tip_head_m: float
     late_setpoints: int
@@ -66,7 +78,7 @@ class Record:
         self.states = flight.said[SAFETY_STATE.key]
         self.truth = flight.said[TRUTH.key]
         self.sent_s, self.state_s, self.truth_s = (self._times(m) for m in (self.sent, self.states, self.truth))
-        self.hand_N = np.array([norm(m.hand_force_N.array()) for m in self.truth])
+        self.pull_N = np.array([norm(m.cable_force_N.array()) if m.holding else 0.0 for m in self.truth])
         self.u_A_N = np.array(
             [norm(m.u_A_N.array()) if m.kind is not SetpointKind.POSITION else 0.0 for m in self.sent]
         )
@@ -98,16 +110,16 @@ def measure(fault: Fault, flight: Flight, begin_s: float) -> Result:
     r = Record(flight, begin_s)
     eased_s = r.first(r.sent_s, r.sent, lambda m: m.kind in SLACK)
     before_s, after = (r.sent_s <= 0.0) & (r.sent_s > -0.5), r.sent_s > 0.0
-    hand_before = (r.truth_s <= 0.0) & (r.truth_s > -0.5)
+    held_before = (r.truth_s <= 0.0) & (r.truth_s > -0.5)
     reached = max((m.level for t, m in zip(r.state_s, r.states, strict=True) if t > 0.0), default=Level.OK)
     last = r.states[-1] if r.states else None
     numbers = {
         "reaction_s": reaction_s(fault, r),
         "commanded_before_N": _most(r.u_A_N[before_s]),
         "commanded_N": _most(r.u_A_N[after]),
-        "hand_before_N": _most(r.hand_N[hand_before]),
-        "hand_N": _most(r.hand_N[r.truth_s > 0.0]),
-        "hand_after_ease_N": _after_ease_N(r, eased_s),
+        "pull_before_N": _most(r.pull_N[held_before]),
+        "pull_N": _most(r.pull_N[r.truth_s > 0.0]),
+        "pull_after_ease_N": _after_ease_N(r, eased_s),
         "tip_hand_m": float(np.min(r.tips_m("hand"))),
         "tip_head_m": float(np.min(r.tips_m("head"))),
         "late_setpoints": _late_setpoints(r) if fault.reaction is Reaction.AUTOPILOT_LANDS else 0,
@@ -126,6 +138,14 @@ def measure(fault: Fault, flight: Flight, begin_s: float) -> Result:
         reasons=_reasons(r),
         **numbers,
     )
+
+
+def unmeasured(fault: Fault, error: str) -> Result:
+    """Of a fault that could not be flown, with the reason."""
+    nothing = dict.fromkeys(_NUMBERS, 0.0)
+    words = {"name": fault.name, "group": fault.group.value, "reaction": fault.reaction.value, "level": "", "phase": ""}
+    told = {"broken": (error.strip().splitlines()[-1],), "exempt": (), "reasons": (error,)}
+    return Result(within_s=fault.within_s, late_setpoints=0, **words, **nothing, **told)  # pyright: ignore
 
 
 def _most(values: Array) -> float:
@@ -160,7 +180,7 @@ def _after_ease_N(r: Record, eased_s: float) -> float:
     """The strongest pull from half a second after the system backed off, for as long as it stays backed off."""
     again = [t for t, m in zip(r.sent_s, r.sent, strict=True) if t > eased_s and m.kind not in SLACK]
     until = min(again, default=NEVER)
-    return _most(r.hand_N[(r.truth_s > eased_s + CALM_S) & (r.truth_s < until)])
+    return _most(r.pull_N[(r.truth_s > eased_s + CALM_S) & (r.truth_s < until)])
 
 
 def _late_setpoints(r: Record) -> int:
@@ -195,8 +215,8 @@ def _broken(fault: Fault, r: Record, n: dict[str, Any], reached: Level) -> Itera
     allowed = max(n["commanded_before_N"], FORCE_N)
     if n["commanded_N"] > allowed + 1e-3:
         yield "commanded", f"commanded {n['commanded_N']:.2f} N, allowed {allowed:.2f} N"
-    if n["hand_after_ease_N"] > CALM_N:
-        yield "calm", f"{n['hand_after_ease_N']:.2f} N on the hand later than {CALM_S:g} s after backing off"
+    if n["pull_after_ease_N"] > CALM_N:
+        yield "calm", f"{n['pull_after_ease_N']:.2f} N on the hand later than {CALM_S:g} s after backing off"
     for part in ("hand", "head"):
         if n[f"tip_{part}_m"] < TIP_M:
             yield f"tip_{part}", f"rotor tip {n[f'tip_{part}_m']:.2f} m from the {part}"
@@ -222,7 +242,7 @@ def _resumed(r: Record) -> str:
     for t, m in zip(r.sent_s, r.sent, strict=True):
         if t <= 0.25 or m.kind is not SetpointKind.ADMITTANCE:
             continue
-        n = int(np.searchsorted(permits[0], t, side="right")) - 1
+        n = int(np.searchsorted(permits[0], t - HEARD_S, side="right")) - 1  # what it can have heard
         if n < 0 or permits[1][n] not in (Permit.WAIT, Permit.GUIDE):
             return f"guided at {t:.2f} s without a permit"
     held = False

@@ -44,6 +44,8 @@ class Flight:
     ceiling_m: Positive
     """Height above the floor that the reference never rises beyond while a person may be on the cable (G6)."""
     feed_forward_ramp_s: Positive
+    feed_forward_drop_s: Positive
+    """Where it stands with the cable slack, or without a fresh force."""
     ease_slack_m: Positive
     """How far inside its rest length the cable hangs when the system has backed off."""
     hand_clear_m: Positive
@@ -130,11 +132,17 @@ def step(state: State, x: Input, dt: float, p: Params) -> tuple[State, Output]:
         state = state._replace(hold=_slackened(state.hold, x, p))
     state = _filter(state, x, p) if complies else _approach(state, x, dt, p)
     state = _kept_clear(state, x, complies, dt, p)
-    change = (1.0 if complies else -1.0) * dt / p.flight.feed_forward_ramp_s
-    state = state._replace(feed_forward=min(max(state.feed_forward + change, 0.0), 1.0))
+    state = state._replace(feed_forward=_fed_forward(state, complies, dt, p.flight))
     sent = setpoints.setpoint(state.filter, state.f_hat, p.flight.m_R_kg, state.feed_forward, state.p_sent, p.limits)
     state = state._replace(p_sent=sent.p)
     return state, Output(kind, sent, state.filter.a, state.u_A, state.feed_forward)
+
+
+def _fed_forward(state: State, complies: bool, dt: float, p: Flight) -> float:
+    """Its share goes quickly where the cable is to go slack: what is fed forward of a force that is gone pushes ahead."""
+    fade_s = p.feed_forward_drop_s if state.kind in SLACK else p.feed_forward_ramp_s
+    change = dt / p.feed_forward_ramp_s if complies else -dt / fade_s
+    return min(max(state.feed_forward + change, 0.0), 1.0)
 
 
 def _kind(x: Input) -> SetpointKind:

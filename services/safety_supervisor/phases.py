@@ -193,6 +193,8 @@ def _landing(state: PhaseState, seen: Seen, dt: float, plan: Plan, p: Times) -> 
 
 
 def _hold(state: PhaseState, seen: Seen, dt: float, plan: Plan, p: Times) -> PhaseState:
+    if not seen.armed:  # it has come down meanwhile
+        return _enter(state, Phase.LANDING)
     clear = max(seen.level, state.operator_level) < Level.EASE and seen.action is Action.RESUME
     return _enter(state, state.back_to) if clear else state
 

@@ -15,6 +15,7 @@ from schemas.safety import Level, Phase
 from services.parameters import Positive, parameters
 
 FLYING = frozenset(Phase) - {Phase.IDLE, Phase.LANDED, Phase.KILLED}
+ALOFT = FLYING - {Phase.LANDING}
 ENGAGED = frozenset({Phase.READY, Phase.GUIDING, Phase.ARRIVED})
 PREPARED = ENGAGED | {Phase.IDLE}  # on the ground these keep the vehicle from starting
 PULLING = frozenset({Phase.GUIDING, Phase.ARRIVED})
@@ -35,6 +36,8 @@ class Limits:
     bias_hold_N: Positive
     age_ease_s: Positive
     age_hold_s: Positive
+    pose_lost_s: Positive
+    """The autopilot goes on by dead reckoning, for about twice as long."""
     stall_s: Positive
     """A loop later than this means that the host took the processor away."""
     battery_warn_fraction: Positive
@@ -50,7 +53,10 @@ class Facts(NamedTuple):
     force_age_s: float
     guidance_age_s: float
     setpoint_age_s: float
+    pose_age_s: float
+    """Of the vehicle's pose by motion capture, on which the autopilot flies."""
     offboard: bool
+    autopilot_lands: bool
     hand_force_N: float
     head_clearance_m: float
     hand_clearance_m: float
@@ -79,7 +85,9 @@ class Rule:
 # fmt: off
 RULES: tuple[Rule, ...] = (
     #    name                 broken when                                          in       debounce level       text                                       cure
-    Rule("vehicle_silent",    lambda f, p: f.vehicle_age_s > p.age_hold_s,          FLYING | {Phase.IDLE}, 0.0, Level.HOLD, "the vehicle's state is stale",             "check the link between bridge and autopilot"),
+    Rule("vehicle_silent",    lambda f, p: f.vehicle_age_s > p.age_hold_s,          FLYING | {Phase.IDLE}, 0.0, Level.DESCEND, "the vehicle's state is stale",          "let go, step back: the autopilot lands by itself"),
+    Rule("robot_lost",        lambda f, p: f.pose_age_s > p.pose_lost_s,            FLYING,  0.0, Level.DESCEND, "the vehicle has not been seen for long",  "let go, step back; check the capture system"),
+    Rule("autopilot_lands",   lambda f, p: f.autopilot_lands,                       ALOFT,   0.1, Level.DESCEND, "the autopilot lands by itself",           "let go, step back"),
     Rule("handle_hidden",     lambda f, p: f.handle_age_s > p.age_ease_s,           PREPARED, 0.0, Level.EASE,  "the handle is not seen",                   "check its markers and the capture system"),
     Rule("handle_lost",       lambda f, p: f.handle_age_s > p.age_hold_s,           ENGAGED, 2.0, Level.HOLD,  "the handle has not been seen for long",    "check its markers and the capture system"),
     Rule("force_silent",      lambda f, p: f.force_age_s > p.age_ease_s,            PREPARED, 0.0, Level.EASE,  "the force estimate is stale",              "check force_estimator and the IMU stream"),

@@ -13,6 +13,7 @@ from schemas.topics import (
     HANDLE_STATE,
     REPLY,
     REQUEST,
+    ROBOT_POSE,
     SAFETY_STATE,
     SETPOINT,
     VEHICLE_STATE,
@@ -33,7 +34,7 @@ class Senses:
     """The supervisor's ears: one reader per topic it judges by."""
 
     def __init__(self, node: Node) -> None:
-        self.handle = node.latest(HANDLE_STATE)
+        self.handle, self.pose = node.latest(HANDLE_STATE), node.latest(ROBOT_POSE)
         self.vehicle = node.latest(VEHICLE_STATE)
         self.force = node.latest(CABLE_FORCE)
         self.guidance = node.latest(GUIDANCE)
@@ -133,7 +134,9 @@ def _facts(senses: Senses, person: Person, stall_s: float, config: Config) -> Fa
         force_age_s=_age_s(senses.force),
         guidance_age_s=_age_s(senses.guidance),
         setpoint_age_s=_age_s(senses.setpoint),
+        pose_age_s=_age_s(senses.pose),
         offboard=robot is not None and robot.mode is FlightMode.OFFBOARD,
+        autopilot_lands=robot is not None and robot.armed and robot.mode in (FlightMode.LAND, FlightMode.DESCEND),
         hand_force_N=pull,
         head_clearance_m=float(near.head) if person.held.held else np.inf,
         hand_clearance_m=float(near.hand) if person.held.held else np.inf,

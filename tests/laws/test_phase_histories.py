@@ -96,6 +96,8 @@ def test_hold_is_left_only_by_a_person_or_downwards(first: Phase, history: list[
             level = max(seen.level, state.operator_level)
             if level >= Level.LAND:
                 assert state.phase in (Phase.CLEARING, Phase.LANDING, Phase.KILLED)
+            elif not seen.armed:
+                assert state.phase is Phase.LANDING  # it has come down meanwhile
             else:
                 assert (state.phase, seen.action) == (origin, Action.RESUME)
                 assert level < Level.EASE
