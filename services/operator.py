@@ -107,8 +107,9 @@ class Operator:
                 return "the motors are off"
             if vehicle.mode in (FlightMode.LAND, FlightMode.DESCEND):
                 return "the autopilot lands"
-        heard = sent is not None and verdict is not None and verdict.level >= RAISES[action]
-        if heard and sent.stamp_ns > since_ns and sent.kind in KINDS[action]:
+        if sent is None or verdict is None or verdict.level < RAISES[action]:
+            return ""
+        if sent.stamp_ns > since_ns and sent.kind in KINDS[action]:
             return f"the bridge flies {sent.kind}"
         return ""
 

@@ -5,14 +5,15 @@ faults cost little more than the seconds after them. Faults that are there from 
 """
 
 import asyncio
-import dataclasses
-import json
+import gc
+import logging
 import os
+import pickle
 import sys
 import tempfile
 import traceback
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from schemas.safety import Action, Phase
@@ -43,6 +44,7 @@ class Copies:
             self.wait()
         sys.stdout.flush()
         sys.stderr.flush()
+        gc.freeze()  # what the copies share is not for their collectors
         pid = os.fork()
         if pid:
             self.under_way.add(pid)
@@ -66,13 +68,14 @@ class Copies:
     def leave(self, fault: Fault, flight: Flight, begin_s: float) -> None:
         """The result of one fault, for the process that waits for it."""
         result = measure.measure(fault, flight, begin_s)
-        (self.folder / f"{fault.name}.json").write_text(json.dumps(dataclasses.asdict(result)))
+        (self.folder / f"{fault.name}.result").write_bytes(pickle.dumps(result))
         if self.look:
             self.look(fault, flight, begin_s)
 
 
 def campaign(faults: Sequence[Fault], jobs: int = 2, look: Look | None = None) -> list[Result]:
     """The results of `faults`, in their order; what could not be flown is a broken promise."""
+    logging.disable(logging.WARNING)  # the services' remarks on what is done to them
     with tempfile.TemporaryDirectory() as folder:
         copies = Copies(jobs, Path(folder), look)
         if together := [fault for fault in faults if not fault.alone]:
@@ -86,13 +89,13 @@ def campaign(faults: Sequence[Fault], jobs: int = 2, look: Look | None = None) -
 
 
 def _result(folder: Path, fault: Fault) -> Result:
-    file = folder / f"{fault.name}.json"
+    file = folder / f"{fault.name}.result"
     if not file.exists():
         error = folder / f"{fault.name}.error"
         said = error.read_text() if error.exists() else "the copy ended without a word"
         return measure.unmeasured(fault, said)
-    fields = json.loads(file.read_text())
-    return Result(**{k: tuple(v) if isinstance(v, list) else v for k, v in fields.items()})
+    result: Result = pickle.loads(file.read_bytes())  # of this program's own making
+    return result
 
 
 async def _branch(stage: Stage, faults: Sequence[Fault], copies: Copies) -> None:
@@ -124,13 +127,13 @@ async def _at_once(stage: Stage, faults: Sequence[Fault], copies: Copies, loop: 
             except BaseException:
                 (copies.folder / f"{fault.name}.error").write_text(traceback.format_exc())
                 os._exit(1)
-            copies.end(fault, lambda: (stage.flight, begin_s))
+            copies.end(fault, lambda begun=begin_s: (stage.flight, begun))
 
 
 def _alone(fault: Fault) -> tuple[Flight, float]:
     """A flight of its own: the person's deed begins the fault, or the moment where there is none."""
     config = quick_config()
-    person = dataclasses.replace(config.person, behaviour=fault.deeds)
+    person = replace(config.person, behaviour=fault.deeds)
     config = config.model_copy(update={"person": person})
     begun: list[float] = []
 

@@ -62,7 +62,7 @@ class Stage:
     flight: Flight
     tasks: dict[str, asyncio.Task[None]]
     operator: Node
-    nodes: dict[str, StoppableNode] = field(default_factory=dict)
+    nodes: dict[str, StoppableNode] = field(default_factory=dict[str, StoppableNode])
     begin: Callable[[str], None] = lambda name: None
     """Start a service (again)."""
 

@@ -39,7 +39,7 @@ def run(name: str, out: Annotated[Path, typer.Option(help="where the time line g
         print(f"no fault {name!r}; clew faults list shows them", file=sys.stderr)  # noqa: T201
         raise typer.Exit(2)
     out.mkdir(parents=True, exist_ok=True)
-    (result,) = campaign([fault], 1, lambda *seen: report.picture(*seen, out))
+    (result,) = campaign([fault], 1, report.pictures(out))
     console().print(report.table([result]))
     for reason in result.reasons:
         console().print(f"said: {reason}")
@@ -62,7 +62,7 @@ def whole(
     faults, began = every(), time.monotonic()
     if pictures:
         pictures.mkdir(parents=True, exist_ok=True)
-    look = (lambda *seen: report.picture(*seen, pictures)) if pictures else None
+    look = report.pictures(pictures) if pictures else None
     results = campaign(faults, jobs or processors(), look)
     console().print(report.table(results))
     failed = sum(not result.ok for result in results)

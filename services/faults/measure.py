@@ -1,6 +1,6 @@
 """What a fault did: times, forces and distances of one flight, by the simulator's truth, and which promises it broke."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -87,7 +87,7 @@ class Record:
     def _times(self, messages: Sequence[Any]) -> Array:
         return np.array([m.stamp_ns for m in messages]) * 1e-9 - self.begin_s
 
-    def first(self, times: Array, messages: Sequence[Any], shows: Any) -> float:
+    def first(self, times: Array, messages: Sequence[Any], shows: Callable[[Any], bool]) -> float:
         """When a message after the fault first shows it."""
         return next((float(t) for t, m in zip(times, messages, strict=True) if t > 0.0 and shows(m)), NEVER)
 
@@ -113,7 +113,7 @@ def measure(fault: Fault, flight: Flight, begin_s: float) -> Result:
     held_before = (r.truth_s <= 0.0) & (r.truth_s > -0.5)
     reached = max((m.level for t, m in zip(r.state_s, r.states, strict=True) if t > 0.0), default=Level.OK)
     last = r.states[-1] if r.states else None
-    numbers = {
+    numbers: dict[str, Any] = {
         "reaction_s": reaction_s(fault, r),
         "commanded_before_N": _most(r.u_A_N[before_s]),
         "commanded_N": _most(r.u_A_N[after]),
@@ -142,10 +142,20 @@ def measure(fault: Fault, flight: Flight, begin_s: float) -> Result:
 
 def unmeasured(fault: Fault, error: str) -> Result:
     """Of a fault that could not be flown, with the reason."""
-    nothing = dict.fromkeys(_NUMBERS, 0.0)
-    words = {"name": fault.name, "group": fault.group.value, "reaction": fault.reaction.value, "level": "", "phase": ""}
-    told = {"broken": (error.strip().splitlines()[-1],), "exempt": (), "reasons": (error,)}
-    return Result(within_s=fault.within_s, late_setpoints=0, **words, **nothing, **told)  # pyright: ignore
+    nothing: dict[str, Any] = dict.fromkeys(_NUMBERS, 0.0)
+    return Result(
+        name=fault.name,
+        group=fault.group.value,
+        reaction=fault.reaction.value,
+        within_s=fault.within_s,
+        late_setpoints=0,
+        level="",
+        phase="",
+        broken=(error.strip().splitlines()[-1],),
+        exempt=(),
+        reasons=(error,),
+        **nothing,
+    )
 
 
 def _most(values: Array) -> float:

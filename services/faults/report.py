@@ -1,6 +1,6 @@
 """The campaign for people: a table on the terminal, the table of the documentation, and a time line of one fault."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from itertools import groupby
 from pathlib import Path
 
@@ -108,6 +108,11 @@ def _metres(m: float) -> str:
     return "-" if m == NEVER else f"{m:.2f}"
 
 
+def pictures(folder: Path) -> Callable[[Fault, Flight, float], None]:
+    """What draws a fault's time line into `folder`."""
+    return lambda fault, flight, begin_s: picture(fault, flight, begin_s, folder)
+
+
 def picture(fault: Fault, flight: Flight, begin_s: float, folder: Path) -> None:
     """The time line of one fault: forces, distances, heights, and who said what."""
     import matplotlib as mpl
@@ -145,7 +150,7 @@ def picture(fault: Fault, flight: Flight, begin_s: float, folder: Path) -> None:
     for axes in (force, distance, height, words):
         axes.axvline(0.0, color="black", lw=0.8)
     force.set(title=f"{fault.name}: {fault.about}", xlim=(-1.5, fault.watch_s))
-    figure.savefig(folder / f"{fault.name}.png", dpi=90)
+    figure.savefig(folder / f"{fault.name}.png", dpi=90)  # pyright: ignore[reportUnknownMemberType]
 
 
 def _words(axes: object, row: int, times: np.ndarray, said: Sequence[object]) -> None:
