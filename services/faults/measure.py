@@ -25,6 +25,7 @@ SILENCE_S = 0.1
 IMPACT_MPS = 1.2
 GROUND_M = 0.15
 HEARD_S = 0.03
+LEFT_S = 6.0
 NEVER = float("inf")
 _NUMBERS = (
     "reaction_s",
@@ -90,6 +91,11 @@ class Record:
     def first(self, times: Array, messages: Sequence[Any], shows: Callable[[Any], bool]) -> float:
         """When a message after the fault first shows it."""
         return next((float(t) for t, m in zip(times, messages, strict=True) if t > 0.0 and shows(m)), NEVER)
+
+    def now(self) -> list[tuple[float, Mode, bool]]:
+        """The autopilot's modes from the one that the fault found on."""
+        found = max((n for n, (t, _, _) in enumerate(self.modes) if t <= 0.0), default=0)
+        return self.modes[found:]
 
     def tips_m(self, of: str) -> Array:
         """Nearest rotor tip to the person's hand or head, while the motors run and since the fault."""
@@ -166,11 +172,11 @@ def reaction_s(fault: Fault, r: Record) -> float:
     """When what the fault must lead to was there, in what leaves for the vehicle or in the vehicle itself."""
     eased = r.first(r.sent_s, r.sent, lambda m: m.kind in SLACK)
     held = r.first(r.sent_s, r.sent, lambda m: m.kind is SetpointKind.HOLD)
-    lands = next((t for t, mode, _ in r.modes if t > 0.0 and mode in (Mode.LAND, Mode.DESCEND)), NEVER)
+    lands = next((max(t, 0.0) for t, mode, _ in r.now() if mode in (Mode.LAND, Mode.DESCEND)), NEVER)
     off = next((t for t, _, armed in r.modes if t > 0.0 and not armed), NEVER)
     match fault.reaction:
         case Reaction.LET_GO:
-            return min(r.first(r.sent_s, r.sent, lambda m: norm(m.u_A_N.array()[:2]) < 0.25), eased)
+            return min(r.first(r.sent_s, r.sent, lambda m: bool(norm(m.u_A_N.array()[:2]) < 0.25)), eased)
         case Reaction.EASE:
             return min(eased, lands)
         case Reaction.HOLD:
@@ -241,19 +247,19 @@ def _broken(fault: Fault, r: Record, n: dict[str, Any], reached: Level) -> Itera
 
 
 def _left_armed(r: Record) -> bool:
-    """Armed, and for the last 4 s on the ground."""
-    late = [m for t, m in zip(r.truth_s, r.truth, strict=True) if t > r.truth_s[-1] - 4.0]
-    return r.modes[-1][2] and all(m.robot_position_m.z < GROUND_M for m in late) and r.truth_s[-1] > 6.0
+    """Armed, and on the ground for as long as it takes twice to notice."""
+    late = [m for t, m in zip(r.truth_s, r.truth, strict=True) if t > r.truth_s[-1] - LEFT_S]
+    return r.modes[-1][2] and all(m.robot_position_m.z < GROUND_M for m in late) and r.truth_s[-1] > LEFT_S
 
 
 def _resumed(r: Record) -> str:
     """Guided without a fresh permit, or again after hold without a person."""
-    permits = r.state_s, [m.permit for m in r.states]
+    permits: tuple[Array, list[Permit]] = r.state_s, [m.permit for m in r.states]
     for t, m in zip(r.sent_s, r.sent, strict=True):
         if t <= 0.25 or m.kind is not SetpointKind.ADMITTANCE:
             continue
-        n = int(np.searchsorted(permits[0], t - HEARD_S, side="right")) - 1  # what it can have heard
-        if n < 0 or permits[1][n] not in (Permit.WAIT, Permit.GUIDE):
+        last, now = (int(np.searchsorted(permits[0], at, side="right")) for at in (t - HEARD_S, t))
+        if not {Permit.WAIT, Permit.GUIDE} & set(permits[1][max(last - 1, 0) : now]):  # what it can have heard
             return f"guided at {t:.2f} s without a permit"
     held = False
     confirmed = [m.stamp_ns * 1e-9 - r.begin_s for m in r.flight.said[REQUEST.key] if m.action is Action.RESUME]

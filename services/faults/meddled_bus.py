@@ -11,6 +11,7 @@ from services.runtime.memory_bus import MemoryBus
 
 Meddle = Callable[[bytes], Sequence[tuple[float, bytes]]]
 """What becomes of a payload: none, one or more, each after a delay in s."""
+VECTORS = ("_m", "_mps", "_N", "_mps2")
 HEADER = ("seq", "stamp_ns", "inputs")
 
 
@@ -72,9 +73,11 @@ def changed(how: Callable[[dict[str, Any]], dict[str, Any]]) -> Meddle:
 
 def vectors(how: Callable[[dict[str, Any]], dict[str, Any]]) -> Meddle:
     """Each vector of a message is put through `how`."""
-    return changed(
-        lambda m: {k: how(v) if isinstance(v, dict) and v.keys() == {"x", "y", "z"} else v for k, v in m.items()}
-    )
+
+    def each(fields: dict[str, Any]) -> dict[str, Any]:
+        return {name: how(v) if name.endswith(VECTORS) and isinstance(v, dict) else v for name, v in fields.items()}
+
+    return changed(each)
 
 
 def not_a_number(fields: dict[str, Any]) -> dict[str, Any]:

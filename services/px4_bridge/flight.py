@@ -131,7 +131,7 @@ def step(state: State, x: Input, dt: float, p: Params) -> tuple[State, Output]:
     if kind in SLACK:
         state = state._replace(hold=_slackened(state.hold, x, p))
     state = _filter(state, x, p) if complies else _approach(state, x, dt, p)
-    state = _kept_clear(state, x, complies, dt, p)
+    state = _kept_clear(state, x, dt, p)
     state = state._replace(feed_forward=_fed_forward(state, complies, dt, p.flight))
     sent = setpoints.setpoint(state.filter, state.f_hat, p.flight.m_R_kg, state.feed_forward, state.p_sent, p.limits)
     state = state._replace(p_sent=sent.p)
@@ -167,10 +167,10 @@ def _change(state: State, kind: SetpointKind, p: Params) -> State:
 
 
 def _slackening(state: State, p: Params) -> Array:
-    """From here towards the hand, along the cable, far enough for it to hang slack, (3,) m."""
+    """From here towards the hand, along a taut cable, far enough for it to hang slack, (3,) m."""
     pull = float(norm(state.f_hat))
-    along = state.f_hat / pull if pull > 2.0 * p.flight.handle_weight_N + 0.1 else Z
-    return p.flight.ease_slack_m * along
+    taut = pull > 2.0 * p.flight.handle_weight_N + 0.1  # else it hangs, or a hand holds it up
+    return p.flight.ease_slack_m * state.f_hat / pull if taut else np.zeros(3)
 
 
 def _slackened(hold: Array, x: Input, p: Params) -> Array:
@@ -180,15 +180,15 @@ def _slackened(hold: Array, x: Input, p: Params) -> Array:
     return leash.between(hold, x.hand.p, p.flight.hand_clear_m, p.flight.rest_length_m - p.flight.ease_slack_m)
 
 
-def _kept_clear(state: State, x: Input, complies: bool, dt: float, p: Params) -> State:
-    """A hand that comes near pushes the reference; one that does not let go leads it, wherever no filter gives way."""
+def _kept_clear(state: State, x: Input, dt: float, p: Params) -> State:
+    """A hand that comes near pushes the reference; one that does not let go leads it, wherever nothing is to pull."""
     if x.hand is None or (state.kind is SetpointKind.POSITION and not x.held):
         return state
     at = state.filter
     if not x.force_fresh or float(norm(state.f_hat)) < SLACK_N:  # else the capture system contradicts the cable
         position, velocity = leash.pushed(at.p, at.v, x.hand, dt, p.flight.hand_clear_m)
         at = at._replace(p=position, v=velocity)
-    if x.held and not complies:
+    if x.held and state.kind is not SetpointKind.ADMITTANCE:
         far_m = p.flight.rest_length_m - p.flight.ease_slack_m
         position, velocity = leash.led(at.p, at.v, x.hand, dt, far_m)
         at = at._replace(p=position, v=velocity)

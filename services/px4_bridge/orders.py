@@ -9,6 +9,7 @@ from enum import Enum
 from schemas.safety import Permit, Phase
 from schemas.vehicle import FlightMode
 
+FORGOTTEN_S = 3.0  # an autopilot that lands as it should disarms by itself before
 STREAM_FIRST_S = 0.5  # the autopilot refuses offboard without a running stream
 
 
@@ -35,6 +36,11 @@ def next_order(permit: Permit, phase: Phase, armed: bool, mode: FlightMode, stre
 def kills(permit: Permit, armed: bool) -> bool:
     """Whether the motors are to be stopped at once, in whatever phase and mode."""
     return permit is Permit.KILL and armed
+
+
+def forgotten(phase: Phase, armed: bool, in_air: bool) -> bool:
+    """Whether it stands on the ground with the motors armed and no take-off under way."""
+    return armed and not in_air and phase is not Phase.TAKEOFF
 
 
 def streams(permit: Permit, phase: Phase, armed: bool, mode: FlightMode) -> bool:

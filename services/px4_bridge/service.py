@@ -27,6 +27,7 @@ from schemas.tracking import HandleSource
 from schemas.vehicle import FlightMode, SetpointKind, VehicleImu, VehicleState
 from schemas.vehicle import Setpoint as SetpointMessage
 from services.config import Config
+from services.physics import norm
 from services.px4_bridge import flight, orders, permits
 from services.px4_bridge.flight import Force, Guidance
 from services.px4_bridge.leash import Hand
@@ -99,9 +100,14 @@ class Bridge:
                 out.publish(_imu(sample))
 
     async def relay_poses(self) -> None:
-        """Every pose that the tracker vouches for."""
+        """Every pose that the tracker vouches for, and that does not contradict a vehicle that flies: it would chase it."""
+        apart_m = self._config.px4_bridge.trust.pose_apart_m
         async for pose in self._node.stream(ROBOT_POSE):
-            if pose.valid:
+            robot = self._vehicle.sample
+            apart = robot.armed and robot.has_position and norm(pose.position_m.array() - robot.p_W) > apart_m
+            if apart:
+                self._node.reject(ROBOT_POSE.key, f"position_m = {pose.position_m}: the vehicle is at {robot.p_W}")
+            elif pose.valid:
                 self._vehicle.send_pose(pose.position_m.array(), pose.q_WB_wxyz.array(), pose.stamp_ns)
 
     async def stream_setpoints(self) -> None:
@@ -139,12 +145,18 @@ class Bridge:
 
     async def stop_motors(self) -> None:
         """Beside the orders, because one of them may wait for its answer when a person wants the motors stopped."""
-        async for _ in self._node.ticks(KILL_RATE_HZ):
-            if orders.kills(self._word.permit, self._vehicle.sample.armed):
-                try:
+        standing_s = 0.0
+        async for tick in self._node.ticks(KILL_RATE_HZ):
+            robot = self._vehicle.sample
+            left = orders.forgotten(self._word.phase, robot.armed, robot.in_air)
+            standing_s = standing_s + tick.dt_s if left else 0.0
+            try:
+                if orders.kills(self._word.permit, robot.armed):
                     await self._vehicle.kill()
-                except VehicleError as error:
-                    self._trouble = str(error)
+                elif standing_s > orders.FORGOTTEN_S:
+                    await self._vehicle.disarm()
+            except VehicleError as error:
+                self._trouble = str(error)
 
     async def _carry_out(self, order: Order) -> None:
         match order:
@@ -213,7 +225,9 @@ class Bridge:
         handle = self._handle.value
         if handle is None or handle.source is not HandleSource.MOCAP:
             return None
-        return Hand(handle.position_m.array(), handle.velocity_mps.array())
+        p_H = handle.position_m.array()
+        inside = norm(p_H - self._vehicle.sample.p_W) < self._config.safety_supervisor.envelope.rotor_tip_m
+        return None if inside else Hand(p_H, handle.velocity_mps.array())  # what is seen there is the vehicle itself
 
     def _message(self, output: flight.Output, force_ns: int) -> SetpointMessage:
         now_ns = self._node.clock.now_ns()

@@ -19,6 +19,8 @@ class Trust:
     """Downwards on the vehicle's side: a cable cannot push, an estimate errs by less than this."""
     f_d_max_N: Positive
     """Of the guiding force, f_z included."""
+    pose_apart_m: Positive
+    """Between motion capture and the autopilot's own estimate in flight."""
     lead_max_m: Positive
     """From the reference to where guidance wants the robot."""
 

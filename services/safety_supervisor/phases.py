@@ -137,6 +137,11 @@ def _escalate(state: PhaseState, seen: Seen) -> PhaseState | None:
 
 
 def _idle(state: PhaseState, seen: Seen, dt: float, plan: Plan, p: Times) -> PhaseState:
+    if seen.armed:  # begun anew in flight: nothing is known of what was before
+        begun = _enter(
+            state, Phase.HOLD, "the supervisor began in flight: clew land, or clew resume to fly aside and land"
+        )
+        return begun._replace(back_to=Phase.CLEARING)
     ready = seen.action is Action.START and seen.level <= Level.WARN
     return _enter(state._replace(operator_level=Level.OK), Phase.TAKEOFF) if ready else state
 

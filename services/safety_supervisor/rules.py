@@ -36,6 +36,7 @@ class Limits:
     bias_hold_N: Positive
     age_ease_s: Positive
     age_hold_s: Positive
+    pose_apart_m: Positive
     pose_lost_s: Positive
     """The autopilot goes on by dead reckoning, for about twice as long."""
     stall_s: Positive
@@ -55,6 +56,8 @@ class Facts(NamedTuple):
     setpoint_age_s: float
     pose_age_s: float
     """Of the vehicle's pose by motion capture, on which the autopilot flies."""
+    pose_apart_m: float
+    """Between motion capture and the autopilot, about where the vehicle is."""
     offboard: bool
     autopilot_lands: bool
     hand_force_N: float
@@ -87,6 +90,8 @@ RULES: tuple[Rule, ...] = (
     #    name                 broken when                                          in       debounce level       text                                       cure
     Rule("vehicle_silent",    lambda f, p: f.vehicle_age_s > p.age_hold_s,          FLYING | {Phase.IDLE}, 0.0, Level.DESCEND, "the vehicle's state is stale",          "let go, step back: the autopilot lands by itself"),
     Rule("robot_lost",        lambda f, p: f.pose_age_s > p.pose_lost_s,            FLYING,  0.0, Level.DESCEND, "the vehicle has not been seen for long",  "let go, step back; check the capture system"),
+    Rule("robot_elsewhere",   lambda f, p: f.pose_apart_m > p.pose_apart_m,         ALOFT,   0.1, Level.EASE,  "motion capture sees the vehicle elsewhere","check the markers of vehicle and handle"),
+    Rule("robot_gone",        lambda f, p: f.pose_apart_m > p.pose_apart_m,         ALOFT,   2.0, Level.DESCEND, "motion capture has long seen the vehicle elsewhere", "let go, step back; check the markers"),
     Rule("autopilot_lands",   lambda f, p: f.autopilot_lands,                       ALOFT,   0.1, Level.DESCEND, "the autopilot lands by itself",           "let go, step back"),
     Rule("handle_hidden",     lambda f, p: f.handle_age_s > p.age_ease_s,           PREPARED, 0.0, Level.EASE,  "the handle is not seen",                   "check its markers and the capture system"),
     Rule("handle_lost",       lambda f, p: f.handle_age_s > p.age_hold_s,           ENGAGED, 2.0, Level.HOLD,  "the handle has not been seen for long",    "check its markers and the capture system"),

@@ -25,6 +25,7 @@ from services.physics import Array, norm
 from services.runtime.node import Node, used
 from services.runtime.readers import Latest
 from services.safety_supervisor import distances, held, phases, rules
+from services.safety_supervisor.novelty import Novelty
 from services.safety_supervisor.plan import plan
 from services.safety_supervisor.requests import Requests
 from services.safety_supervisor.rules import Facts, Rule
@@ -40,6 +41,15 @@ class Senses:
         self.guidance = node.latest(GUIDANCE)
         self.setpoint = node.latest(SETPOINT)
         self.requests = node.queue(REQUEST)
+        measured = (self.handle, self.pose, self.vehicle, self.force, self.guidance)
+        self.novelty = {reader.topic.key: Novelty() for reader in measured}
+
+    def age_s(self, reader: Latest[Any]) -> float:
+        """Since a valid message last said something new; infinite for an invalid one or none."""
+        if reader.message is None or not reader.message.valid:
+            return float("inf")
+        novelty = self.novelty.get(reader.topic.key)
+        return reader.age_s if novelty is None else novelty.age_s(reader.message, reader.age_s)
 
     def inputs(self) -> dict[str, int]:
         """What a verdict was made of."""
@@ -127,14 +137,16 @@ def _facts(senses: Senses, person: Person, stall_s: float, config: Config) -> Fa
         p.envelope,
     )
     weight = np.array([0.0, 0.0, config.px4_bridge.flight.handle_weight_N])
+    apart = _apart_m(senses)
     pull = float(norm(force.force_N.array() - weight)) if force and person.held.held else 0.0
     return Facts(
-        handle_age_s=_age_s(senses.handle),
-        vehicle_age_s=_age_s(senses.vehicle),
-        force_age_s=_age_s(senses.force),
-        guidance_age_s=_age_s(senses.guidance),
-        setpoint_age_s=_age_s(senses.setpoint),
-        pose_age_s=_age_s(senses.pose),
+        handle_age_s=senses.age_s(senses.handle),
+        vehicle_age_s=senses.age_s(senses.vehicle),
+        force_age_s=senses.age_s(senses.force),
+        guidance_age_s=senses.age_s(senses.guidance),
+        setpoint_age_s=senses.age_s(senses.setpoint),
+        pose_age_s=senses.age_s(senses.pose),
+        pose_apart_m=apart,
         offboard=robot is not None and robot.mode is FlightMode.OFFBOARD,
         autopilot_lands=robot is not None and robot.armed and robot.mode in (FlightMode.LAND, FlightMode.DESCEND),
         hand_force_N=pull,
@@ -148,9 +160,10 @@ def _facts(senses: Senses, person: Person, stall_s: float, config: Config) -> Fa
     )
 
 
-def _age_s(reader: Latest[Any]) -> float:
-    """Since a valid message's content was true; infinite for an invalid one or none."""
-    return reader.age_s if reader.message is not None and reader.message.valid else float("inf")
+def _apart_m(senses: Senses) -> float:
+    """How far motion capture and the autopilot disagree about where the vehicle is."""
+    pose, robot = senses.pose.value, senses.vehicle.value
+    return float(norm(pose.position_m.array() - robot.position_m.array())) if pose and robot else 0.0
 
 
 def _seen(action: Action | None, active: list[Rule], senses: Senses, is_held: bool, end: Array) -> phases.Seen:

@@ -34,7 +34,8 @@ CALM = Seen(None, Level.OK, FAR, np.zeros(3), armed=True, tare=Tare.NONE, held=F
 
 
 def tick(state: PhaseState, **seen: object) -> tuple[PhaseState, Decision]:
-    return phases.step(state, CALM._replace(**seen), DT, ROUTE, P)
+    at_rest = {"armed": state.phase is not Phase.IDLE}  # whatever is armed when the supervisor begins, flies already
+    return phases.step(state, CALM._replace(**(at_rest | seen)), DT, ROUTE, P)
 
 
 def after(state: PhaseState, seconds: float, **seen: object) -> PhaseState:
@@ -254,3 +255,12 @@ def test_a_clearing_that_does_not_get_on_ends_in_a_landing() -> None:
     took, state = leaves_after(Phase.CLEARING, P.clearing_limit_s + 1.0, held=True)
     assert state.phase is Phase.LANDING
     assert took > P.clearing_limit_s
+
+
+def test_a_supervisor_that_begins_in_flight_holds_and_then_only_lands() -> None:
+    begun, decision = tick(PhaseState(Phase.IDLE), armed=True)
+    assert (begun.phase, decision.permit) == (Phase.HOLD, Permit.HOLD)
+    assert "began in flight" in begun.why
+    assert after(begun, 5.0, held=True).phase is Phase.HOLD
+    assert tick(begun, action=Action.RESUME)[0].phase is Phase.CLEARING
+    assert after(begun, 3 * DT, armed=False).phase is Phase.LANDED

@@ -21,6 +21,7 @@ P = Limits(
     bias_hold_N=0.6,
     age_ease_s=0.2,
     age_hold_s=1.0,
+    pose_apart_m=0.3,
     pose_lost_s=2.0,
     stall_s=0.1,
     battery_warn_fraction=0.3,
@@ -34,6 +35,7 @@ FINE = Facts(
     guidance_age_s=0.0,
     setpoint_age_s=0.0,
     pose_age_s=0.0,
+    pose_apart_m=0.0,
     offboard=True,
     autopilot_lands=False,
     hand_force_N=0.0,
@@ -45,13 +47,15 @@ FINE = Facts(
     battery_fraction=1.0,
     stall_s=0.0,
 )
-WORST = Facts(9.0, 9.0, 9.0, 9.0, 9.0, 9.0, False, True, 9.0, 0.0, 0.0, 1.0, 1.0, 9.0, 0.0, 9.0)
+WORST = Facts(9.0, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0, False, True, 9.0, 0.0, 0.0, 1.0, 1.0, 9.0, 0.0, 9.0)
 DT = 0.05
 NAMES = {rule.name: rule for rule in RULES}
 # One value on either side of each limit: what breaks exactly this rule (and those that a graver case of it implies).
 CASES: dict[str, tuple[str, object, object, set[str]]] = {
     "vehicle_silent": ("vehicle_age_s", 0.99, 1.01, set()),
     "robot_lost": ("pose_age_s", 1.99, 2.01, set()),
+    "robot_elsewhere": ("pose_apart_m", 0.29, 0.31, {"robot_gone"}),
+    "robot_gone": ("pose_apart_m", 0.29, 0.31, {"robot_elsewhere"}),
     "autopilot_lands": ("autopilot_lands", False, True, set()),
     "handle_hidden": ("handle_age_s", 0.19, 0.21, set()),
     "handle_lost": ("handle_age_s", 0.99, 1.01, {"handle_hidden"}),
@@ -209,6 +213,7 @@ FACTS = st.builds(
     guidance_age_s=AGE,
     setpoint_age_s=AGE,
     pose_age_s=AGE,
+    pose_apart_m=LENGTH,
     offboard=st.booleans(),
     autopilot_lands=st.booleans(),
     hand_force_N=st.floats(0.0, 8.0),
