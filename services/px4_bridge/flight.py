@@ -32,6 +32,7 @@ from services.px4_bridge.setpoint import Limits, Setpoint
 
 SLACK = (SetpointKind.EASE, SetpointKind.HOLD)  # how the system backs off
 SLACK_N = 0.8  # a cable that pulls harder is taut, whatever bias the estimate may have
+BELIEF_N = 2.5  # harder than it is ever asked to pull: the hand is not where it is seen, or the cable is caught
 
 
 @parameters
@@ -127,11 +128,13 @@ def step(state: State, x: Input, dt: float, p: Params) -> tuple[State, Output]:
     kind = _kind(x)
     if kind is not state.kind:
         state = _change(state, kind, p)
-    complies = kind in (SetpointKind.ADMITTANCE, SetpointKind.EASE) and x.force_fresh
+    complies = x.force_fresh and (
+        kind is SetpointKind.ADMITTANCE or (kind is SetpointKind.EASE and not _sees(state, x))
+    )
     if kind in SLACK:
         state = state._replace(hold=_slackened(state.hold, x, p))
     state = _filter(state, x, p) if complies else _approach(state, x, dt, p)
-    state = _kept_clear(state, x, dt, p)
+    state = state if complies else _kept_clear(state, x, dt, p)
     state = state._replace(feed_forward=_fed_forward(state, complies, dt, p.flight))
     sent = setpoints.setpoint(state.filter, state.f_hat, p.flight.m_R_kg, state.feed_forward, state.p_sent, p.limits)
     state = state._replace(p_sent=sent.p)
@@ -180,15 +183,25 @@ def _slackened(hold: Array, x: Input, p: Params) -> Array:
     return leash.between(hold, x.hand.p, p.flight.hand_clear_m, p.flight.rest_length_m - p.flight.ease_slack_m)
 
 
+def _may_be_near(state: State, x: Input) -> bool:
+    """Near the hand the cable hangs slack: where it pulls, the capture system sees the hand where it is not."""
+    return not x.force_fresh or float(norm(state.f_hat)) < SLACK_N
+
+
+def _sees(state: State, x: Input) -> bool:
+    """Whether the capture system shows the hand that holds, and the cable does not contradict it."""
+    return x.hand is not None and x.held and float(norm(state.f_hat)) < BELIEF_N
+
+
 def _kept_clear(state: State, x: Input, dt: float, p: Params) -> State:
-    """A hand that comes near pushes the reference; one that does not let go leads it, wherever nothing is to pull."""
+    """Where no filter moves it, a hand that comes near pushes the reference, and one that does not let go leads it."""
     if x.hand is None or (state.kind is SetpointKind.POSITION and not x.held):
         return state
     at = state.filter
-    if not x.force_fresh or float(norm(state.f_hat)) < SLACK_N:  # else the capture system contradicts the cable
+    if _may_be_near(state, x):
         position, velocity = leash.pushed(at.p, at.v, x.hand, dt, p.flight.hand_clear_m)
         at = at._replace(p=position, v=velocity)
-    if x.held and state.kind is not SetpointKind.ADMITTANCE:
+    if x.held:
         far_m = p.flight.rest_length_m - p.flight.ease_slack_m
         position, velocity = leash.led(at.p, at.v, x.hand, dt, far_m)
         at = at._replace(p=position, v=velocity)
@@ -199,6 +212,8 @@ def _approach(state: State, x: Input, dt: float, p: Params) -> State:
     """Position mode, or a standstill where the filter is not to be asked or has nothing to go by."""
     goal, speed = (x.goal, x.speed_mps) if x.permit is Permit.POSITION else (state.hold, p.flight.follow_mps)
     at, a = approach.step(approach.State(state.filter.p, state.filter.v), goal, speed, dt, p.approach)
+    if state.kind in SLACK:  # led and pushed as well: what the approach brakes of that is no acceleration of its own
+        a = np.zeros(3)
     moved = state.filter._replace(p=at.p, v=at.v, a=a)
     return state._replace(filter=moved, u_A=np.zeros(3), hold=at.p if x.permit is Permit.POSITION else state.hold)
 
@@ -209,10 +224,17 @@ def _filter(state: State, x: Input, p: Params) -> State:
     reference, u_A, f_hat = state.filter, state.u_A, state.f_hat
     for force in x.forces:
         f_hat = force.f_c
-        reference, u_A = admittance.step(
-            reference, f_hat, command, force.slack, force.dt_s, p.flight.ceiling_m, p.admittance
-        )
+        felt, z_max_m = _felt(state._replace(filter=reference, f_hat=f_hat), x, p.flight)
+        reference, u_A = admittance.step(reference, felt, command, force.slack, force.dt_s, z_max_m, p.admittance)
     return state._replace(filter=reference, u_A=u_A, f_hat=f_hat, hold=hold)
+
+
+def _felt(state: State, x: Input, p: Flight) -> tuple[Array, float]:
+    """What moves the filter in N: the cable's pull, less the push of a hand that is near; and the ceiling that it leaves."""
+    if x.hand is None or not _may_be_near(state, x):
+        return state.f_hat, p.ceiling_m
+    push = leash.push(state.filter.p, state.filter.v, x.hand, p.hand_clear_m)
+    return state.f_hat - push, max(p.ceiling_m, float(x.hand.p[2]) + p.hand_clear_m)
 
 
 def _command(state: State, x: Input, p: Params) -> tuple[Command, Array]:

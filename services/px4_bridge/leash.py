@@ -7,7 +7,8 @@
 
 Both limits are spheres round the hand. The outer one (l̄ less the slack) keeps the cable of a vehicle slack that is not to pull,
 and takes it along with a person who walks on. The inner one acts in every way of flying: a hand that is lifted pushes the
-reference ahead of it. Both move it at the hand's own speed. Vectors are (3,): one vehicle, one hand.
+reference ahead of it. Both move it at the hand's own speed; where a filter moves it, the inner one is a force on that.
+Vectors are (3,): one vehicle, one hand.
 """
 
 from typing import NamedTuple
@@ -16,6 +17,7 @@ from services.physics import Array, Components, Scalar, at_least, clamp, compone
 
 RETURN_PER_S = 6.0  # of what is missing to the inner sphere, or too much for the outer one
 FASTEST_MPS = 1.2
+PUSH_N_PER_M, PUSH_NS_PER_M, PUSH_MAX_N = 150.0, 15.0, 20.0
 
 
 class Hand(NamedTuple):
@@ -30,6 +32,18 @@ def between(p: Array, p_H: Array, near_m: float, far_m: float) -> Array:
     away, distance = _from(components(p_H), components(p))
     wanted = clamp(distance, near_m, far_m)
     return vector(*(h + wanted * a for h, a in zip(components(p_H), away, strict=True)))
+
+
+def push(p: Array, v: Array, hand: Hand, near_m: float) -> Array:
+    """The force in N with which a hand within `near_m` pushes a filter's reference: a spring and a damper between them."""
+    away, distance = _from(components(hand.p), components(p))
+    closing = _dot(away, hand.v) - _dot(away, v)
+    force = (
+        clamp(PUSH_N_PER_M * (near_m - distance) + PUSH_NS_PER_M * closing, 0.0, PUSH_MAX_N)
+        if distance < near_m
+        else 0.0
+    )
+    return vector(*(force * a for a in away))
 
 
 def pushed(p: Array, v: Array, hand: Hand, dt: float, near_m: float) -> tuple[Array, Array]:

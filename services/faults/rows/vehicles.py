@@ -30,14 +30,14 @@ def vehicles() -> Iterator[Fault]:
     yield Fault(
         "pilot_takes_over", V, "a pilot switches to Hold by radio control", Reaction.HOLD, 0.6, _pilot(Mode.HOLD)
     )
-    yield Fault("pilot_lands", V, "a pilot switches to Land by radio control", Reaction.LAND, 0.1, _pilot(Mode.LAND), watch_s=9.0,
+    yield Fault("pilot_lands", V, "a pilot switches to Land by radio control", Reaction.LAND, 0.1, _pilot(Mode.LAND), watch_s=12.0,
                 exempt=SINKS)  # fmt: skip
     for moment in (m for m in MOMENTS if m.phase is not Phase.LANDING):
         name = f"battery_empty_in_{moment.phase}"
         yield Fault(
             name, V, f"the battery falls to 10 % in {moment.phase}", Reaction.LAND, 3.5, _battery(10), moment, 7.0
         )
-    yield Fault("mavlink_cut", V, "the link between bridge and autopilot is cut", Reaction.AUTOPILOT_LANDS, 1.0, _cut, watch_s=9.0,
+    yield Fault("mavlink_cut", V, "the link between bridge and autopilot is cut", Reaction.AUTOPILOT_LANDS, 1.0, _cut, watch_s=12.0,
                 exempt=SINKS | {"late": "they do not arrive"})  # fmt: skip
     yield Fault(
         "offboard_again",
@@ -46,7 +46,7 @@ def vehicles() -> Iterator[Fault]:
         Reaction.ANY,
         0.0,
         _blink,
-        watch_s=8.0,
+        watch_s=12.0,
     )
 
 
