@@ -70,3 +70,21 @@ def whole(
     if into:
         into.write_text(report.insert(into.read_text(), report.written(faults, results)))
     raise typer.Exit(1 if failed else 0)
+
+
+@app.command()
+def nominal(count: Annotated[int, typer.Option("-n", help="how many flights")] = 100, jobs: Jobs = 0) -> None:
+    """Flights in which nothing breaks: other people, seeds and delays; exit code 1 where one of them raised an alarm."""
+    from services.faults.campaign import processors
+    from services.faults.nominal import flights
+    from services.terminal import console
+
+    alarms, screen = 0, console()
+    for done in flights(count, jobs or processors()):
+        if not done.ok:
+            alarms += 1
+            screen.print(
+                f"seed {done.seed} ({done.who}): {done.phase}, {done.level.name.lower()}: {'; '.join(done.said)}"
+            )
+    screen.print(f"{count} flights, {alarms} with an alarm above warn")
+    raise typer.Exit(1 if alarms else 0)

@@ -10,15 +10,16 @@ from services.faults.fault import Fault, Group, Moment, Reaction
 from services.simulator.human import Event, Kind
 
 DEED_S = 7.0
+RUNS = dict.fromkeys(("tip_hand", "tip_head", "calm"), "the person runs faster than the vehicle may fly")
 
 
 def people() -> Iterator[Fault]:
     """The rows of this module."""
 
     def deed(name: str, about: str, reaction: Reaction, within_s: float, watch_s: float = 6.0, **event: Any) -> Fault:
-        return Fault(
-            name, Group.PERSON, about, reaction, within_s, watch_s=watch_s, deeds=(Event(start_s=DEED_S, **event),)
-        )
+        exempt: dict[str, str] = event.pop("exempt", {})
+        deeds = (Event(start_s=DEED_S, **event),)
+        return Fault(name, Group.PERSON, about, reaction, within_s, watch_s=watch_s, deeds=deeds, exempt=exempt)
 
     yield deed("lets_go", "the person opens the hand", Reaction.LET_GO, 0.4, kind=Kind.LET_GO)
     yield deed(
@@ -32,6 +33,7 @@ def people() -> Iterator[Fault]:
         kind=Kind.PUSH,
         duration_s=2.0,
         force_W_N=(20.0, 0.0, 0.0),
+        exempt=RUNS,
     )
     yield deed(
         "runs_back",
@@ -41,6 +43,7 @@ def people() -> Iterator[Fault]:
         kind=Kind.PUSH,
         duration_s=2.0,
         force_W_N=(-20.0, 0.0, 0.0),
+        exempt=RUNS,
     )
     yield deed(
         "falls",
@@ -73,7 +76,16 @@ def people() -> Iterator[Fault]:
         deed("lifts_the_hand_at_the_start", "the hand rises by 0.7 m at 0.7 m/s under the vehicle", Reaction.ANY, 0.0, kind=Kind.RAISE, rise_m=0.7, speed_mps=0.7),
         deeds=(Event(start_s=1.2, kind=Kind.RAISE, rise_m=0.7, speed_mps=0.7),), moment=Moment(Phase.READY, 0.0),
     )  # fmt: skip
-    yield Fault("tangled", Group.PERSON, "the cable is 0.2 m shorter than believed", Reaction.ANY, 0.0, world=_shorter)
+    yield Fault(
+        "tangled",
+        Group.PERSON,
+        "the cable is 0.2 m shorter than believed",
+        Reaction.ANY,
+        0.0,
+        moment=Moment(Phase.READY),
+        watch_s=15.0,
+        world=_shorter,
+    )
 
 
 def _shorter(config: Config) -> Config:
