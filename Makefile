@@ -2,13 +2,17 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test check bench figures lock clean
+.PHONY: demo test test-faults check bench figures lock clean
 
 demo: .venv/.ready
 	$(BIN)/clew demo
 
 test: .venv/.ready
 	$(BIN)/python -m pytest
+
+# Real processes killed, stopped, starved, in real time: about 8 minutes on a machine that does nothing else.
+test-faults: .venv/.ready
+	$(BIN)/python -m pytest -m processes tests/processes
 
 check: .venv/.ready
 	$(BIN)/ruff check .

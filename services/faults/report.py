@@ -1,7 +1,6 @@
 """The campaign for people: a table on the terminal, the table of the documentation, and a time line of one fault."""
 
 from collections.abc import Callable, Iterable, Sequence
-from itertools import groupby
 from pathlib import Path
 
 import numpy as np
@@ -56,9 +55,10 @@ def table(results: Iterable[Result]) -> Table:
 
 def written(faults: Sequence[Fault], results: Sequence[Result]) -> list[str]:
     """The lines of the documentation's table: faults of one family in one row, the worst of each number."""
-    pairs = list(zip(faults, results, strict=True))
-    rows = [_row(list(family)) for _, family in groupby(pairs, key=lambda pair: pair[0].family)]
-    return [*HEAD, *rows]
+    families: dict[str, list[tuple[Fault, Result]]] = {}
+    for fault, result in zip(faults, results, strict=True):
+        families.setdefault(fault.family, []).append((fault, result))
+    return [*HEAD, *map(_row, families.values())]
 
 
 def _row(family: list[tuple[Fault, Result]]) -> str:
