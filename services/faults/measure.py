@@ -255,7 +255,8 @@ def _left_armed(r: Record) -> bool:
 def _resumed(r: Record) -> str:
     """Guided without a fresh permit, or again after hold without a person."""
     permits: tuple[Array, list[Permit]] = r.state_s, [m.permit for m in r.states]
-    for t, m in zip(r.sent_s, r.sent, strict=True):
+    sent_s: list[float] = r.sent_s.tolist()
+    for t, m in zip(sent_s, r.sent, strict=True):
         if t <= 0.25 or m.kind is not SetpointKind.ADMITTANCE:
             continue
         last, now = (int(np.searchsorted(permits[0], at, side="right")) for at in (t - HEARD_S, t))

@@ -75,7 +75,7 @@ def vectors(how: Callable[[dict[str, Any]], dict[str, Any]]) -> Meddle:
     """Each vector of a message is put through `how`."""
 
     def each(fields: dict[str, Any]) -> dict[str, Any]:
-        return {name: how(v) if name.endswith(VECTORS) and isinstance(v, dict) else v for name, v in fields.items()}
+        return {k: how(fields[k]) if k.endswith(VECTORS) and isinstance(fields[k], dict) else fields[k] for k in fields}
 
     return changed(each)
 

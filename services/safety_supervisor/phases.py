@@ -43,6 +43,14 @@ class Times:
     slow_mps: Positive
 
 
+class Hall(NamedTuple):
+    """What moves the clearing to where it begins: `end` is where it is drawn from, `low` and `high` where it may go, m in W."""
+
+    end: Array
+    low: Array
+    high: Array
+
+
 class Plan(NamedTuple):
     """Where the vehicle's centre goes in position mode, m in W."""
 
@@ -50,6 +58,8 @@ class Plan(NamedTuple):
     """Hover over the start, the handle hanging at hand height."""
     clearing: tuple[Array, ...]
     """From above the end: away from the person, down until the handle rests on the floor, aside."""
+    hall: Hall | None = None
+    """Without it the clearing is flown as drawn."""
 
 
 class Seen(NamedTuple):
@@ -73,6 +83,8 @@ class PhaseState(NamedTuple):
     timer_s: float = 0.0
     away_s: float = 0.0
     leg: int = 0
+    shift_m: tuple[float, float] = (0.0, 0.0)
+    """Of the clearing, horizontally, to where it began."""
     back_to: Phase = Phase.IDLE
     operator_level: Level = Level.OK
     why: str = ""
@@ -183,14 +195,26 @@ def _clearing(state: PhaseState, seen: Seen, dt: float, plan: Plan, p: Times) ->
     if not seen.armed:  # nothing flies, nothing is to be cleared
         return _enter(state, Phase.LANDING)
     if state.leg == 0:
-        return state._replace(leg=1) if state.in_phase_s >= p.step_back_s else state
+        return _set_out(state, seen, plan) if state.in_phase_s >= p.step_back_s else state
     if state.in_phase_s > p.clearing_limit_s:
         return _enter(state, Phase.LANDING, "clearing took too long")
-    far = float(np.sqrt(np.sum((plan.clearing[state.leg - 1] - seen.p_R) ** 2))) > 2.0 * p.settle_m
+    far = float(np.sqrt(np.sum((_leg(state, plan) - seen.p_R) ** 2))) > 2.0 * p.settle_m
     if far:
         return state
     done = state.leg == len(plan.clearing)
     return _enter(state, Phase.LANDING) if done else state._replace(leg=state.leg + 1)
+
+
+def _set_out(state: PhaseState, seen: Seen, plan: Plan) -> PhaseState:
+    """Begin the route from here, beside the handle, and not from the end of the path."""
+    x, y = (seen.p_R - plan.hall.end).tolist()[:2] if plan.hall else (0.0, 0.0)
+    return state._replace(leg=1, shift_m=(x, y))
+
+
+def _leg(state: PhaseState, plan: Plan) -> Array:
+    """Where the present leg of the clearing goes."""
+    goal = plan.clearing[state.leg - 1] + np.array([*state.shift_m, 0.0])
+    return np.clip(goal, plan.hall.low, plan.hall.high) if plan.hall else goal
 
 
 def _landing(state: PhaseState, seen: Seen, dt: float, plan: Plan, p: Times) -> PhaseState:
@@ -244,5 +268,5 @@ def _decide(state: PhaseState, seen: Seen, plan: Plan, p: Times) -> Decision:
     if state.phase is Phase.CLEARING:
         if state.leg == 0:  # stand still, compliant, while the person steps back
             return Decision(Permit.EASE, seen.p_R, p.slow_mps, False)
-        return Decision(permit, plan.clearing[state.leg - 1], p.slow_mps, False)
+        return Decision(permit, _leg(state, plan), p.slow_mps, False)
     return Decision(permit, plan.start, p.fast_mps, state.phase is Phase.ZEROING)

@@ -26,7 +26,7 @@ from services.runtime.node import Node, used
 from services.runtime.readers import Latest
 from services.safety_supervisor import distances, held, phases, rules
 from services.safety_supervisor.novelty import Novelty
-from services.safety_supervisor.plan import plan
+from services.safety_supervisor.plan import hall, plan
 from services.safety_supervisor.requests import Requests
 from services.safety_supervisor.rules import Facts, Rule
 
@@ -70,6 +70,8 @@ async def run(node: Node, config: Config) -> None:
     out, replies = node.publisher(SAFETY_STATE), node.publisher(REPLY)
     weight_N = config.px4_bridge.flight.handle_weight_N
     route = plan(path, config.cable, weight_N, p.below_m, p.away_m, p.aside_m)
+    volume = np.array(config.world.volume_min_m), np.array(config.world.volume_max_m)
+    route = route._replace(hall=hall(path, config.cable, weight_N, *volume))
     person = Person(held.start(p.held), path.t_hat(0.0))
     state, broken, stalls, requests = phases.PhaseState(), rules.initial(), 0, Requests()
     async for tick in node.ticks(SAFETY_STATE.rate_Hz):

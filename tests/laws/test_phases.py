@@ -264,3 +264,20 @@ def test_a_supervisor_that_begins_in_flight_holds_and_then_only_lands() -> None:
     assert after(begun, 5.0, held=True).phase is Phase.HOLD
     assert tick(begun, action=Action.RESUME)[0].phase is Phase.CLEARING
     assert after(begun, 3 * DT, armed=False).phase is Phase.LANDED
+
+
+def test_asked_to_land_on_the_way_it_lands_beside_the_handle() -> None:
+    """The route of the end of the path, moved to where the vehicle is, and never through a wall."""
+    here = np.array([-1.0, 0.4, 1.7])
+    hall = phases.Hall(np.array([1.0, 0.0, 2.0]), np.array([-4.0, -3.0, 0.0]), np.array([1.5, 3.0, 3.0]))
+    route = ROUTE._replace(hall=hall)
+    state, _ = phases.step(PhaseState(Phase.GUIDING), CALM._replace(action=Action.LAND, p_R=here), DT, route, P)
+    goals = []
+    while state.phase is Phase.CLEARING:
+        state, decision = phases.step(state, CALM._replace(p_R=goals[-1] if goals else here), DT, route, P)
+        if decision.permit is Permit.POSITION and not any(np.array_equal(decision.goal, g) for g in goals):
+            goals.append(decision.goal)
+    assert np.allclose(goals, [[1.0, 0.4, 2.0], [1.0, 0.4, 1.0], [1.0, 1.4, 1.0]])
+    wall = route._replace(hall=hall._replace(high=np.array([0.3, 3.0, 3.0])))
+    begun = PhaseState(Phase.CLEARING, leg=1, shift_m=(-2.0, 0.4))
+    assert phases.step(begun, CALM, DT, wall, P)[1].goal[0] == 0.3
