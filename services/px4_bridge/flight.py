@@ -133,7 +133,7 @@ def step(state: State, x: Input, dt: float, p: Params) -> tuple[State, Output]:
     )
     if kind in SLACK:
         state = state._replace(hold=_slackened(state.hold, x, p))
-    state = _filter(state, x, p) if complies else _approach(state, x, dt, p)
+    state = _filter(state, x, p) if complies else _approach(_felt_now(state, x), x, dt, p)
     state = state if complies else _kept_clear(state, x, dt, p)
     state = state._replace(feed_forward=_fed_forward(state, complies, dt, p.flight))
     sent = setpoints.setpoint(state.filter, state.f_hat, p.flight.m_R_kg, state.feed_forward, state.p_sent, p.limits)
@@ -227,6 +227,11 @@ def _filter(state: State, x: Input, p: Params) -> State:
         felt, z_max_m = _felt(state._replace(filter=reference, f_hat=f_hat), x, p.flight)
         reference, u_A = admittance.step(reference, felt, command, force.slack, force.dt_s, z_max_m, p.admittance)
     return state._replace(filter=reference, u_A=u_A, f_hat=f_hat, hold=hold)
+
+
+def _felt_now(state: State, x: Input) -> State:
+    """What the cable does is followed where no filter runs on it, too."""
+    return state._replace(f_hat=x.forces[-1].f_c) if x.forces else state
 
 
 def _felt(state: State, x: Input, p: Flight) -> tuple[Array, float]:

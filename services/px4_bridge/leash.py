@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from services.physics import Array, Components, Scalar, at_least, clamp, components, vector
 
-RETURN_PER_S = 6.0  # of what is missing to the inner sphere, or too much for the outer one
+RETURN_PER_S = 8.0  # of what is missing to the inner sphere, or too much for the outer one
 FASTEST_MPS = 1.2
 PUSH_N_PER_M, PUSH_NS_PER_M, PUSH_MAX_N = 150.0, 15.0, 20.0
 

@@ -39,6 +39,7 @@ from services.runtime.node import Node, used
 from services.runtime.pace import Pace
 
 ORDERS_RATE_HZ, KILL_RATE_HZ = 5.0, 25.0
+HAND_MEMORY_S = 1.0  # long enough to back off by
 
 
 async def run(node: Node, config: Config) -> None:
@@ -86,6 +87,8 @@ class Bridge:
         )
         self._safety, self._guidance = node.latest(SAFETY_STATE), node.latest(GUIDANCE)
         self._handle = node.latest(HANDLE_STATE)
+        self._seen: Hand | None = None
+        self._seen_ns = 0
         self._forces, self._requests = node.queue(CABLE_FORCE), node.queue(REQUEST)
         self._word, self._now_ns = Word(), node.clock.now_ns
         self._streaming_s = 0.0
@@ -221,13 +224,15 @@ class Bridge:
         return None
 
     def _hand(self) -> Hand | None:
-        """Where motion capture sees the handle."""
-        handle = self._handle.value
-        if handle is None or handle.source is not HandleSource.MOCAP:
-            return None
-        p_H = handle.position_m.array()
-        inside = norm(p_H - self._vehicle.sample.p_W) < self._config.safety_supervisor.envelope.rotor_tip_m
-        return None if inside else Hand(p_H, handle.velocity_mps.array())  # what is seen there is the vehicle itself
+        """Where motion capture sees the handle, or saw it a moment ago."""
+        handle, now_ns = self._handle.value, self._now_ns()
+        if handle is not None and handle.source is HandleSource.MOCAP:
+            p_H = handle.position_m.array()
+            inside = norm(p_H - self._vehicle.sample.p_W) < self._config.safety_supervisor.envelope.rotor_tip_m
+            if not inside:  # else what is seen there is the vehicle itself
+                self._seen, self._seen_ns = Hand(p_H, np.zeros(3)), now_ns
+                return Hand(p_H, handle.velocity_mps.array())
+        return self._seen if now_ns - self._seen_ns < HAND_MEMORY_S * 1e9 else None
 
     def _message(self, output: flight.Output, force_ns: int) -> SetpointMessage:
         now_ns = self._node.clock.now_ns()

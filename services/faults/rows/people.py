@@ -11,6 +11,7 @@ from services.simulator.human import Event, Kind
 
 DEED_S = 7.0
 RUNS = dict.fromkeys(("tip_hand", "tip_head", "calm"), "the person runs faster than the vehicle may fly")
+DRAGS = dict.fromkeys(("tip_head", "calm"), "the hand drags the vehicle down beside a head that stays where it was")
 
 
 def people() -> Iterator[Fault]:
@@ -53,6 +54,7 @@ def people() -> Iterator[Fault]:
         kind=Kind.RAISE,
         rise_m=-0.8,
         speed_mps=2.0,
+        exempt=DRAGS,
     )
     yield deed(
         "pulls_down",
@@ -62,6 +64,7 @@ def people() -> Iterator[Fault]:
         kind=Kind.RAISE,
         rise_m=-0.6,
         speed_mps=1.0,
+        exempt=DRAGS,
     )
     yield deed(
         "lifts_the_hand",
