@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from schemas.safety import Action, Level, Permit, Phase
+from schemas.simulation import Truth
 from schemas.topics import REQUEST, SAFETY_STATE, SETPOINT, TRUTH
 from schemas.vehicle import SetpointKind
 from services.faults.chain import Flight
@@ -70,6 +71,13 @@ class Result:
         return not self.broken
 
 
+def _pull_N(truth: Truth) -> float:
+    """Of the cable on the hand that holds: what is more than the carrying of the handle, which a slack cable leaves to it."""
+    if not truth.holding:
+        return 0.0
+    return float(min(norm(truth.cable_force_N.array()), norm(truth.hand_force_N.array())))
+
+
 class Record:
     """One flight as arrays, from the fault on, times counted from it."""
 
@@ -79,7 +87,7 @@ class Record:
         self.states = flight.said[SAFETY_STATE.key]
         self.truth = flight.said[TRUTH.key]
         self.sent_s, self.state_s, self.truth_s = (self._times(m) for m in (self.sent, self.states, self.truth))
-        self.pull_N = np.array([norm(m.cable_force_N.array()) if m.holding else 0.0 for m in self.truth])
+        self.pull_N = np.array([_pull_N(m) for m in self.truth])
         self.u_A_N = np.array(
             [norm(m.u_A_N.array()) if m.kind is not SetpointKind.POSITION else 0.0 for m in self.sent]
         )

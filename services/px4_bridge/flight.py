@@ -31,7 +31,7 @@ from services.px4_bridge.leash import Hand
 from services.px4_bridge.setpoint import Limits, Setpoint
 
 SLACK = (SetpointKind.EASE, SetpointKind.HOLD)  # how the system backs off
-SLACK_N = 0.8  # a cable that pulls harder is taut, whatever bias the estimate may have
+SLACK_N = 1.5  # a cable that pulls harder is taut, whatever the estimate errs by while the vehicle accelerates
 BELIEF_N = 2.5  # harder than it is ever asked to pull: the hand is not where it is seen, or the cable is caught
 
 
