@@ -88,7 +88,8 @@ class Rule:
 # fmt: off
 RULES: tuple[Rule, ...] = (
     #    name                 broken when                                          in       debounce level       text                                       cure
-    Rule("vehicle_silent",    lambda f, p: f.vehicle_age_s > p.age_hold_s,          FLYING | {Phase.IDLE}, 0.0, Level.DESCEND, "the vehicle's state is stale",          "let go, step back: the autopilot lands by itself"),
+    Rule("vehicle_silent",    lambda f, p: f.vehicle_age_s > p.age_ease_s,          FLYING | {Phase.IDLE}, 0.0, Level.EASE, "the vehicle's state is stale",             "check the link between bridge and autopilot"),
+    Rule("vehicle_lost",      lambda f, p: f.vehicle_age_s > p.age_hold_s,          FLYING,  0.0, Level.DESCEND, "the vehicle has long been silent",        "let go, step back: the autopilot lands by itself"),
     Rule("robot_lost",        lambda f, p: f.pose_age_s > p.pose_lost_s,            FLYING,  0.0, Level.DESCEND, "the vehicle has not been seen for long",  "let go, step back; check the capture system"),
     Rule("robot_elsewhere",   lambda f, p: f.pose_apart_m > p.pose_apart_m,         ALOFT,   0.1, Level.EASE,  "motion capture sees the vehicle elsewhere","check the markers of vehicle and handle"),
     Rule("robot_gone",        lambda f, p: f.pose_apart_m > p.pose_apart_m,         ALOFT,   2.0, Level.DESCEND, "motion capture has long seen the vehicle elsewhere", "let go, step back; check the markers"),

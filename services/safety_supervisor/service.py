@@ -53,7 +53,7 @@ class Senses:
 
     def inputs(self) -> dict[str, int]:
         """What a verdict was made of."""
-        return used(self.handle, self.vehicle, self.force, self.guidance, self.setpoint, self.requests)
+        return used(self.handle, self.pose, self.vehicle, self.force, self.guidance, self.setpoint, self.requests)
 
 
 class Person(NamedTuple):

@@ -52,7 +52,8 @@ DT = 0.05
 NAMES = {rule.name: rule for rule in RULES}
 # One value on either side of each limit: what breaks exactly this rule (and those that a graver case of it implies).
 CASES: dict[str, tuple[str, object, object, set[str]]] = {
-    "vehicle_silent": ("vehicle_age_s", 0.99, 1.01, set()),
+    "vehicle_silent": ("vehicle_age_s", 0.19, 0.21, set()),
+    "vehicle_lost": ("vehicle_age_s", 0.99, 1.01, {"vehicle_silent"}),
     "robot_lost": ("pose_age_s", 1.99, 2.01, set()),
     "robot_elsewhere": ("pose_apart_m", 0.29, 0.31, {"robot_gone"}),
     "robot_gone": ("pose_apart_m", 0.29, 0.31, {"robot_elsewhere"}),

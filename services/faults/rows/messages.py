@@ -50,8 +50,6 @@ def _garbled(topic: Topic[Any], way: str) -> tuple[Reaction, float]:
         return Reaction.LET_GO, 0.4
     if topic is SAFETY_STATE and way in ("frozen", "thousandfold", "ned"):  # its vectors matter only in position mode
         return Reaction.ANY, 0.0
-    if topic is VEHICLE_STATE and way == "frozen":  # the force's loop does not go through it
-        return Reaction.EASE, 1.3
     if topic is VEHICLE_STATE and way in ("dropped", "late", "nan"):
         return Reaction.EASE, 0.5
     return Reaction.EASE, 0.4
