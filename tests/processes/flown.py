@@ -2,6 +2,7 @@
 
 import asyncio
 import os
+import signal
 import sys
 import time
 from collections.abc import Callable
@@ -36,6 +37,8 @@ class Flown:
     launched: Launched
     heard: dict[str, list[Any]] = field(default_factory=lambda: {t.key: [] for t in (SAFETY_STATE, SETPOINT, TRUTH)})
     broken_s: float = 0.0
+    again: list[str] = field(default_factory=list)
+    """Started a second time, which the launcher knows nothing of when it stops them."""
 
     def pid(self, name: str) -> int:
         return self.launched.processes[name].pid
@@ -48,6 +51,7 @@ class Flown:
         resolved = Path(self.config.session_dir) / "config.json"
         command = [sys.executable, "-P", "-m", "services.cli", "run", "--profile", str(resolved), name]
         env = {**os.environ, "CLEW_DIE_WITH_PARENT": str(os.getpid())}
+        self.again.append(name)
         self._starting = asyncio.create_task(self.launched.start(name, command, env))
 
     def later(self, seconds: float, act: Callable[[], None]) -> None:
@@ -99,6 +103,8 @@ async def _fly(folder: Path, act: Break, watch_s: float, walk_s: float) -> Flown
                 act(flown)
                 await asyncio.sleep(watch_s)
             finally:
+                for name in flown.again:
+                    flown.signal(name, signal.SIGKILL)
                 for task in listening:
                     task.cancel()
                 await asyncio.gather(*listening, return_exceptions=True)

@@ -101,7 +101,8 @@ def test_disk_full(tmp_path):
     """The recorder cannot write any more: it ends with the reason, and the flight goes on."""
 
     def act(flown: Flown) -> None:
-        resource.prlimit(flown.pid("recorder"), resource.RLIMIT_FSIZE, (1, 1))
+        full = (tmp_path / "session.mcap").stat().st_size  # of which no file may be larger: its log still may say why
+        resource.prlimit(flown.pid("recorder"), resource.RLIMIT_FSIZE, (full, full))
 
     flown = fly(tmp_path, act, 4.0)
     assert "recorder failed" in (tmp_path / "logs/recorder.log").read_text()
