@@ -10,7 +10,7 @@ demo: .venv/.ready
 test: .venv/.ready
 	$(BIN)/python -m pytest
 
-# Real processes killed, stopped, starved, in real time: about 8 minutes on a machine that does nothing else.
+# Real processes killed, stopped, starved, in real time: about 6 minutes on a machine that does nothing else.
 test-faults: .venv/.ready
 	$(BIN)/python -m pytest -m processes tests/processes
 

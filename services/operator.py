@@ -24,7 +24,7 @@ from services.start import bus_config
 
 T = TypeVar("T")
 
-REPEAT_S, LOOK_S = 0.2, 0.005
+REPEAT_S, LOOK_S = 0.05, 0.005
 ANSWER_S, OBEY_S = 5.0, 2.0
 SLACK = (SetpointKind.EASE, SetpointKind.HOLD)
 KINDS = {
