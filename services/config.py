@@ -169,10 +169,10 @@ def load(profile: str, *, path: str = "", person: str = "", seed: int | None = N
     Raises:
         ConfigError: with one line per fault: file, key, value, limit.
     """
-    file = _find("profiles", profile)
+    file = find("profiles", profile)
     if file.suffix == ".json":
-        return _validate(file, _read(file), {})
-    data = _read(file)
+        return _validate(file, read_toml(file), {})
+    data = read_toml(file)
     system: dict[str, Any] = data.setdefault("system", {})
     if not isinstance(system, dict):  # pyright: ignore[reportUnnecessaryIsInstance]  (a file may say anything)
         raise ConfigError(f"{file}: system = {system!r}: must be a table")
@@ -181,13 +181,14 @@ def load(profile: str, *, path: str = "", person: str = "", seed: int | None = N
     for section, folder in (("vehicle", "vehicles"), ("path", "paths"), ("person", "people")):
         if section not in system:
             raise ConfigError(f"{file}: system.{section}: is missing")
-        files[section] = _find(folder, str(system[section]), f"{file}: system.{section} = ")
-        data[section] = _read(files[section])
+        files[section] = find(folder, str(system[section]), f"{file}: system.{section} = ")
+        data[section] = read_toml(files[section])
     _derive(data)
     return _validate(file, data | {"session_dir": session_dir}, files)
 
 
-def _find(folder: str, name: str, asked_by: str = "") -> Path:
+def find(folder: str, name: str, asked_by: str = "") -> Path:
+    """The file `name`, or the one of that name in a folder of deploy/. Raises ConfigError, beginning with `asked_by`."""
     for candidate in (Path(name), deploy_folder() / folder / f"{name}.toml"):
         if candidate.is_file():
             return candidate
@@ -195,7 +196,8 @@ def _find(folder: str, name: str, asked_by: str = "") -> Path:
     raise ConfigError(f"{asked_by}{name}: no such file, and not one of {', '.join(known)} in {folder}/")
 
 
-def _read(file: Path) -> dict[str, Any]:
+def read_toml(file: Path) -> dict[str, Any]:
+    """What a TOML or JSON file says. Raises ConfigError."""
     try:
         if file.suffix == ".json":
             return json.loads(file.read_text())

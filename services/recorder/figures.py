@@ -20,7 +20,7 @@ FIGURES: dict[str, Callable[[Session], Figure]] = {
     "timing.png": timing_figure,
 }
 
-_STYLE: dict[Any, Any] = {
+STYLE: dict[Any, Any] = {
     "font.size": 8,
     "axes.titlesize": 8,
     "axes.labelsize": 8,
@@ -45,7 +45,7 @@ def draw_all(session: Session, folder: Path) -> list[Path]:
     """Write every figure into `folder`, whatever the recording holds; returns the files."""
     folder.mkdir(parents=True, exist_ok=True)
     files = [folder / name for name in FIGURES]
-    with rc_context(_STYLE):
+    with rc_context(STYLE):
         for file, figure in zip(files, FIGURES.values(), strict=True):
             figure(session).savefig(file)
     return files

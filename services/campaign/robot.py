@@ -1,0 +1,79 @@
+"""The robot of a campaign: what pulls at the upper end of the cable, for many people at once.
+
+| paper | here | unit | frame |
+|---|---|---|---|
+| p_R, v_R | Robot.p_W, Robot.v_W | m, m/s | W |
+| f_c, on the handle; the robot feels -f_c | f_c | N | W |
+
+The walk tells the robot its command 100 times a second and moves it 1000 times a second; what it makes of both is its own
+affair. `Ideal` is the paper's robotModel: it is wherever the admittance filter's reference is.
+"""
+
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+
+from services.physics import Array, Scalar, anywhere
+from services.px4_bridge import admittance
+from services.px4_bridge.admittance import Admittance, Command
+
+
+class Robot(Protocol):
+    """One robot for each person."""
+
+    @property
+    def p_W(self) -> Array:
+        """Where it is, (..., 3) m."""
+        ...
+
+    @property
+    def v_W(self) -> Array:
+        """How fast it moves, (..., 3) m/s."""
+        ...
+
+    p_W: Array
+    v_W: Array
+
+    def obey(self, command: Command, slack: Scalar) -> None:
+        """Take the command that holds from now on, and whether motion capture sees a slack cable, (...)."""
+        ...
+
+    def step(self, f_c: Array) -> None:
+        """Move on by 1 ms under the cable's force on the handle, (..., 3) N."""
+        ...
+
+
+def make(name: str, p_W: Array, z_max_m: Scalar, p: Admittance, dt: float) -> Robot:
+    """The robot of that name, (..., 3), at rest at `p_W` under a ceiling, in m, for steps of `dt`. KeyError without one."""
+    return ROBOTS[name](p_W, z_max_m, p, dt)
+
+
+class Ideal:
+    """The admittance filter's reference, tracked without error."""
+
+    def __init__(self, p_W: Array, z_max_m: Scalar, p: Admittance, dt: float) -> None:
+        self._state = admittance.Moved(p_W, np.zeros_like(p_W), admittance.LONG_S)
+        self._z_max_m, self._p, self._dt = z_max_m, p, dt
+
+    @property
+    def p_W(self) -> Array:
+        """Where it is, m."""
+        return self._state.p
+
+    @property
+    def v_W(self) -> Array:
+        """How fast it moves, m/s."""
+        return self._state.v
+
+    def obey(self, command: Command, slack: Scalar) -> None:
+        """See Robot."""
+        self._held = admittance.Held(command, self._dt, self._p)
+        self._slack = anywhere(slack) and slack
+
+    def step(self, f_c: Array) -> None:
+        """See Robot."""
+        self._state = admittance.move(self._state, f_c, self._held, self._slack, self._z_max_m)
+
+
+ROBOTS: dict[str, Callable[[Array, Scalar, Admittance, float], Robot]] = {"ideal": Ideal}
