@@ -16,7 +16,7 @@ import numpy as np
 
 from services.physics import Array, Scalar, anywhere
 from services.px4_bridge import admittance
-from services.px4_bridge.admittance import Admittance, Command
+from services.px4_bridge.admittance import Admittance, Command, Held
 
 
 class Robot(Protocol):
@@ -55,6 +55,9 @@ class Ideal:
     def __init__(self, p_W: Array, z_max_m: Scalar, p: Admittance, dt: float) -> None:
         self._state = admittance.Moved(p_W, np.zeros_like(p_W), admittance.LONG_S)
         self._z_max_m, self._p, self._dt = z_max_m, p, dt
+        at_rest = admittance.literal(np.zeros_like(p_W))
+        self._held = Held(at_rest, dt, p)
+        self._slack: Scalar = False
 
     @property
     def p_W(self) -> Array:
@@ -68,7 +71,7 @@ class Ideal:
 
     def obey(self, command: Command, slack: Scalar) -> None:
         """See Robot."""
-        self._held = admittance.Held(command, self._dt, self._p)
+        self._held = Held(command, self._dt, self._p, self._held)
         self._slack = anywhere(slack) and slack
 
     def step(self, f_c: Array) -> None:

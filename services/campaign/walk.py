@@ -9,7 +9,7 @@
 Physics at 1 kHz: cable.force, the robot (with the ideal one admittance.step's motion) and human.step's. At 100 Hz:
 guiding.step with the exact projection, the radio's delay, the person's will (human.u_H, human.lean), whether the cable is
 slack. Everything broadcasts: a crowd's parameters and states have the leading axis (n,), one person's have none and
-run on plain floats. Positions are kept at 20 Hz, extremes at 100 Hz.
+run on plain floats. The largest force is looked for at 100 Hz, places are kept at 20 Hz.
 """
 
 from collections.abc import Callable, Iterator
@@ -93,8 +93,10 @@ def walk(
 ) -> Walks:
     """Guide `who` for `duration_s`; the robot must be the one that `start` placed. `progress` is told of each second."""
     kept = _Kept(robot.p_W.shape[:-1], round(duration_s / CONTROL_S))
-    for tick, p_H, g_s, f_c, facing in _ticks(who, x, robot, round(duration_s / CONTROL_S)):
-        kept.look(tick, p_H, robot.p_W, g_s, f_c, human.head(p_H, facing, who.human))
+    for tick, p_H, s, f_c, facing in _ticks(who, x, robot, round(duration_s / CONTROL_S)):
+        kept.feel(f_c)
+        if tick % KEPT_TICKS == 0:
+            kept.look(tick // KEPT_TICKS, p_H, robot.p_W, s, human.head(p_H, facing, who.human))
         if (tick + 1) * CONTROL_S % 1.0 < 0.5 * CONTROL_S:
             progress(1.0)
     return kept.walks()
@@ -162,13 +164,15 @@ class _Kept:
         self._places = np.empty(((ticks - 1) // KEPT_TICKS + 1, 7, *shape))
         self._force2, self._head2 = np.zeros(shape), np.full(shape, np.inf)
 
-    def look(self, tick: int, p_H: Array, p_R: Array, s: Scalar, f_c: Array, p_head: Array) -> None:
-        """Take in one control tick."""
+    def feel(self, f_c: Array) -> None:
+        """The pull on the hand, at every control tick."""
         self._force2 = np.maximum(self._force2, _squared(f_c))
+
+    def look(self, i: int, p_H: Array, p_R: Array, s: Scalar, p_head: Array) -> None:
+        """Where everything is, for the i-th time."""
         self._head2 = np.minimum(self._head2, _squared(p_R - p_head))
-        if tick % KEPT_TICKS == 0:
-            row = self._places[tick // KEPT_TICKS]
-            row[:3], row[3:6], row[6] = np.moveaxis(p_H, -1, 0), np.moveaxis(p_R, -1, 0), s
+        row = self._places[i]
+        row[:3], row[3:6], row[6] = np.moveaxis(p_H, -1, 0), np.moveaxis(p_R, -1, 0), s
 
     def walks(self) -> Walks:
         """All of it."""

@@ -155,13 +155,20 @@ class Held:
     that a crowd whose command stays for some steps pays once.
     """
 
-    def __init__(self, c: Command, dt: Scalar, p: Admittance) -> None:
+    def __init__(self, c: Command, dt: Scalar, p: Admittance, before: "Held | None" = None) -> None:
+        """`before` is the command that was held until now, for the same `p`; what can be kept of it is kept."""
         f_x, f_y, f_z = components(c.f_d)
         self.dt, self.p = dt, p
         self._p_d, self._f = components(c.p_d), (c.scale * f_x, c.scale * f_y, f_z)
         self._k_xy, self._k_z, self._free = c.scale * c.k_xy, c.k_z, c.free
         self._most_xy, self._most_z = self._k_xy * p.e_R_max_m, c.k_z * p.e_R_max_m
         self._known: dict[tuple[bool, bool, bool], Answer] = {}
+        if before is not None and before._answers_as(self):
+            self._known = before._known
+
+    def _answers_as(self, other: "Held") -> bool:
+        alike = self.dt == other.dt and self._k_z == other._k_z and self._free == other._free
+        return alike and np.array_equal(self._k_xy, other._k_xy)
 
     def u_A(self, p_ref: Components) -> tuple[Row, tuple[Scalar, Scalar]]:
         """u_A at `p_ref` in N by axes, and whether the springs of the plane and of z are saturated."""
