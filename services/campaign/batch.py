@@ -14,10 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from services.campaign import population, robot, statistics, vary
+from services.campaign import population, statistics, vary
 from services.campaign.population import UNIFORMS, Columns
+from services.campaign.robot import ROBOTS
 from services.campaign.statistics import Result
-from services.campaign.walk import PHYSICS_S, Controller, Experiment, People, Walks, start, walk
+from services.campaign.walk import Controller, Experiment, People, Walks, start, walk
 from services.config import Config
 from services.physics import Array, norm, vector
 
@@ -76,6 +77,7 @@ class Prepared:
     """A plan worked out: the columns of all walks, and what they are walked with."""
 
     plan: Plan
+    config: Config
     columns: Columns
     base: Experiment
     left_W: Array
@@ -92,7 +94,7 @@ class Prepared:
         """Simulate some of the walks together, or one alone."""
         who, x = self.people(which), self.experiment(which)
         ceiling = who.human.hand_height_m + x.ceiling_above_hand_m
-        moved_by = robot.make(self.plan.robot, start(who, x)[1], ceiling, x.filter, PHYSICS_S)
+        moved_by = ROBOTS[self.plan.robot](start(who, x)[1], ceiling, x.filter, self.config)
         return walk(who, x, moved_by, self.plan.duration_s, progress)
 
 
@@ -110,7 +112,9 @@ def prepare(plan: Plan) -> Prepared:
     population.check(columns, columns.get("f_z_N", np.array(config.guiding_controller.f_z_N)))
     path = config.guided_path
     along = path.p(1.0) - path.p(0.0)
-    return Prepared(plan, columns, experiment(config, plan.controller), vector(-along[1], along[0], 0.0) / norm(along))
+    return Prepared(
+        plan, config, columns, experiment(config, plan.controller), vector(-along[1], along[0], 0.0) / norm(along)
+    )
 
 
 def experiment(config: Config, controller: Controller) -> Experiment:
@@ -171,4 +175,5 @@ def collect(folder: Path) -> Result:
     errors = np.concatenate([part["errors"] for part in parts])
     traces = [trace for part in parts for trace in part["traces"]]
     measured = dict(sorted(columns.items()))
-    return Result(ready.base.path, ready.columns | measured, errors, traces)
+    varied = [vary.VARIABLES[name].column for name in vary.parse(ready.plan.vary)]
+    return Result(ready.base.path, ready.columns | measured, errors, traces, varied)

@@ -15,7 +15,6 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MultipleLocator
 
 from services.campaign.statistics import PAPER_MEAN_M, STATIONS, Common, Result, common
-from services.campaign.vary import VARIABLES
 from services.physics import Array
 from services.recorder.colours import BLACK, BLUE, GREEN, GREY, ORANGE
 from services.recorder.figure_path import draw_path
@@ -42,11 +41,13 @@ def draw_all(result: Result, folder: File) -> list[File]:
 
 def walks_figure(result: Result, shared: Common) -> Figure:
     """Above the x-y plane, below the path error over s: every run, the mean, and between which everybody stays."""
-    figure = Figure(figsize=(7.0, 5.6), layout="constrained")
-    above, below = figure.subplots(2, 1, height_ratios=(1.0, 1.0))
+    width_m, height_m = np.ptp(result.path.samples_m, axis=0) + 2.0 * shared.tube_m
+    plane = float(np.clip(6.2 * height_m / width_m, 1.6, 6.0))
+    figure = Figure(figsize=(7.0, plane + 3.4), layout="constrained")
+    above, below = figure.subplots(2, 1, height_ratios=(plane, 2.4))
     _draw_plane(above, result, shared)
     _draw_errors(below, result, shared)
-    figure.legend(handles=_legend(result), loc="outside upper center", ncols=5, columnspacing=1.4, handlelength=2.0)
+    figure.legend(handles=_legend(result), loc="outside upper center", ncols=4, columnspacing=1.6, handlelength=2.2)
     return figure
 
 
@@ -101,12 +102,18 @@ def _legend(result: Result) -> list[Line2D | Patch]:
     few = len(result.errors) <= FEW
     return [
         Line2D([], [], color=BLACK, linestyle=(0, (4, 3)), linewidth=1.0, label="desired"),
-        Line2D([], [], color=BLUE if few else GREEN, linewidth=1.0, label=f"{len(result.errors)} walks"),
+        Line2D(
+            [],
+            [],
+            color=BLUE if few else GREEN,
+            linewidth=1.0,
+            label=f"{len(result.errors)} walks" + (", coloured by person" if few else ""),
+        ),
         Line2D([], [], color=BLACK, linewidth=2.2, label="mean"),
         Patch(facecolor=GREY, alpha=0.35, label="mean ± std"),
         Patch(facecolor="#eef3f7", edgecolor="#c9d6e0", label="tube that holds everyone"),
-        Line2D([], [], color=BLUE, linewidth=0.8, linestyle=(0, (2, 1.5)), label="outermost"),
-        Line2D([], [], color=ORANGE, linewidth=1.0, linestyle=(0, (1, 1.5)), label="5 cm: the paper's mean"),
+        Line2D([], [], color=BLUE, linewidth=0.8, linestyle=(0, (2, 1.5)), label="outermost at s"),
+        Line2D([], [], color=ORANGE, linewidth=1.0, linestyle=(0, (1, 1.5)), label="5 cm, the paper's mean"),
     ]
 
 
@@ -139,12 +146,6 @@ def _draw_median(axes: Axes, x: Array, y: Array) -> None:
 
 
 def _varying(result: Result) -> list[str]:
-    """The columns worth a panel: what differs, what was varied on purpose first."""
-    known = [variable.column for variable in VARIABLES.values()]
-    varied = [name for name in known if name in result.columns and name not in _SHOWN]
-    names = [name for name in (*_SHOWN, *varied) if name in result.columns]
-    lively = [name for name in names if len(np.unique(result.columns[name])) > 1]
-    extra = [
-        name for name in lively if name not in _SHOWN and not name.startswith(("stop", "push", "head", "turn", "b_s"))
-    ]
-    return (extra + [name for name in lively if name in _SHOWN])[:6]
+    """The columns worth a panel, at most six: what was varied on purpose, then what differs of the people."""
+    names = [name for name in (*result.varied, *_SHOWN) if name in result.columns]
+    return [name for name in dict.fromkeys(names) if len(np.unique(result.columns[name])) > 1][:6]

@@ -28,14 +28,15 @@ from services.campaign.statistics import (
 from services.physics import Array
 
 SHOWN_PERSONS = 40
+TERMINAL_PERSONS, TERMINAL_COLUMNS = 12, 9
 _MEASURED = {
     "error_mean_m": ("mean error", 100.0, "cm", 1),
     "error_max_m": ("largest", 100.0, "cm", 1),
-    "outward_m": ("outward in the bend", 100.0, "cm", 1),
+    "outward_m": ("outward", 100.0, "cm", 1),
     "end_error_m": ("from the end", 100.0, "cm", 1),
     "arrival_s": ("arrival", 1.0, "s", 1),
     "slack_fraction": ("slack", 100.0, "%", 1),
-    "force_max_N": ("largest force", 1.0, "N", 2),
+    "force_max_N": ("max force", 1.0, "N", 2),
     "head_min_m": ("head to drone", 1.0, "m", 2),
 }
 _BODY = {"m_H_kg": ("m_H", 1.0, "kg", 1), "b_H_Ns_per_m": ("b_H", 1.0, "N s/m", 1)}
@@ -140,14 +141,14 @@ def show(result: Result, summary: Summary, console: Console) -> None:
         table.add_row(*row)
     console.print(table)
     headings, rows = persons_table(result)
-    each = Table(box=box.SIMPLE_HEAD, padding=(0, 1))
-    for heading in headings:
-        each.add_column(heading, justify="right")
-    for row in rows[:12]:
-        each.add_row(*row)
+    each = Table(box=box.SIMPLE_HEAD, padding=0)
+    for heading in headings[:TERMINAL_COLUMNS]:
+        each.add_column(heading.replace(" (", "\n("), justify="right", no_wrap=True)
+    for row in rows[:TERMINAL_PERSONS]:
+        each.add_row(*row[:TERMINAL_COLUMNS])
     console.print(each)
-    if len(rows) > 12:
-        console.print(f"and {len(rows) - 12} more: runs.csv", style="dim")
+    if len(rows) > TERMINAL_PERSONS:
+        console.print(f"and {len(rows) - TERMINAL_PERSONS} more: runs.csv", style="dim")
 
 
 def persons_table(result: Result) -> tuple[list[str], list[list[str]]]:
@@ -183,7 +184,8 @@ def _page(result: Result, summary: Summary, title: str, pictures: Sequence[Path]
         _table(("", "here", "the paper, at most"), claims(summary)),
         *(f'<img alt="{file.stem}" src="data:image/png;base64,{_base64(file)}">' for file in pictures),
         "<h2>Person by person</h2>",
-        "<p>Means over each person's walks. Path error is measured where the hand crosses the normal to the path.</p>",
+        "<p>Means over each person's walks. Path error is taken where the hand crosses the normal to the path; outward is",
+        "to the outside of the path's bends.</p>",
         _table(headings, rows[:SHOWN_PERSONS]),
         more,
     ]

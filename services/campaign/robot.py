@@ -14,9 +14,12 @@ from typing import Protocol
 
 import numpy as np
 
+from services.config import Config
 from services.physics import Array, Scalar, anywhere
 from services.px4_bridge import admittance
 from services.px4_bridge.admittance import Admittance, Command, Held
+
+STEP_S = 0.001
 
 
 class Robot(Protocol):
@@ -44,19 +47,14 @@ class Robot(Protocol):
         ...
 
 
-def make(name: str, p_W: Array, z_max_m: Scalar, p: Admittance, dt: float) -> Robot:
-    """The robot of that name, (..., 3), at rest at `p_W` under a ceiling, in m, for steps of `dt`. KeyError without one."""
-    return ROBOTS[name](p_W, z_max_m, p, dt)
-
-
 class Ideal:
     """The admittance filter's reference, tracked without error."""
 
-    def __init__(self, p_W: Array, z_max_m: Scalar, p: Admittance, dt: float) -> None:
+    def __init__(self, p_W: Array, z_max_m: Scalar, p: Admittance) -> None:
         self._state = admittance.Moved(p_W, np.zeros_like(p_W), admittance.LONG_S)
-        self._z_max_m, self._p, self._dt = z_max_m, p, dt
+        self._z_max_m, self._p = z_max_m, p
         at_rest = admittance.literal(np.zeros_like(p_W))
-        self._held = Held(at_rest, dt, p)
+        self._held = Held(at_rest, STEP_S, p)
         self._slack: Scalar = False
 
     @property
@@ -71,7 +69,7 @@ class Ideal:
 
     def obey(self, command: Command, slack: Scalar) -> None:
         """See Robot."""
-        self._held = Held(command, self._dt, self._p, self._held)
+        self._held = Held(command, STEP_S, self._p, self._held)
         self._slack = anywhere(slack) and slack
 
     def step(self, f_c: Array) -> None:
@@ -79,4 +77,7 @@ class Ideal:
         self._state = admittance.move(self._state, f_c, self._held, self._slack, self._z_max_m)
 
 
-ROBOTS: dict[str, Callable[[Array, Scalar, Admittance, float], Robot]] = {"ideal": Ideal}
+Maker = Callable[[Array, Scalar, Admittance, Config], Robot]
+"""From the place where it starts, its ceiling in m, the filter's parameters (both may be one for each person) and the profile."""
+
+ROBOTS: dict[str, Maker] = {"ideal": lambda p_W, z_max_m, filter_, _: Ideal(p_W, z_max_m, filter_)}

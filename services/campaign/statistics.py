@@ -33,6 +33,8 @@ class Result:
     columns: Columns
     errors: Array
     traces: Sequence[Array]
+    varied: Sequence[str] = ()
+    """The columns that were varied on purpose."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,10 +64,15 @@ def of_walks(t_s: Array, p_H: Array, p_R: Array, path: Path, rest_length_m: Scal
 
 
 def common(errors: Array) -> Common:
-    """What all walks (N, S) have in common; a few stations at a time, so that many walks need little memory."""
+    """What all walks (N, S) have in common; a few stations at a time, so that many walks need little memory.
+
+    Mean and std are those of the stations that at least half of the walks pass: near the end few do.
+    """
     parts = [errors[:, i : i + _AT_ONCE] for i in range(0, errors.shape[1], _AT_ONCE)]
     mean = np.concatenate([metrics.mean_over_runs(part) for part in parts])
     std = np.concatenate([metrics.std_over_runs(part) for part in parts])
+    few = np.concatenate([np.mean(np.isfinite(part), axis=0) < 0.5 for part in parts])
+    mean[few] = std[few] = np.nan
     low = np.concatenate([np.fmin.reduce(part, axis=0) for part in parts])
     high = np.concatenate([np.fmax.reduce(part, axis=0) for part in parts])
     return Common(mean, std, low, high, 2.0 * float(np.nanmax(np.maximum(-low, high), initial=0.0)))

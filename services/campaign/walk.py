@@ -21,7 +21,7 @@ import numpy as np
 
 from services import cable
 from services.cable import Cable
-from services.campaign.robot import Robot
+from services.campaign.robot import STEP_S, Robot
 from services.guiding_controller import guiding
 from services.guiding_controller.guiding import Guidance, Guiding
 from services.guiding_controller.path import Path
@@ -31,10 +31,9 @@ from services.px4_bridge.admittance import Admittance, Command
 from services.simulator import human
 from services.simulator.human import Behaviour, Human
 
-PHYSICS_S = 0.001
 CONTROL_S = 0.01
 KEPT_S = 0.05
-STEPS = round(CONTROL_S / PHYSICS_S)
+STEPS = round(CONTROL_S / STEP_S)
 KEPT_TICKS = round(KEPT_S / CONTROL_S)
 
 
@@ -106,7 +105,7 @@ def _ticks(who: People, x: Experiment, robot: Robot, count: int) -> Iterator[tup
     """Each control tick before it acts: its number, p_H, s*, f_c and where the person faces."""
     p_H, _ = start(who, x)
     v_H, facing = np.zeros_like(p_H), np.broadcast_to(x.path.t_hat(0.0), p_H.shape)
-    state, body = guiding.start(p_H, x.path), human.response(PHYSICS_S, who.human)
+    state, body = guiding.start(p_H, x.path), human.response(STEP_S, who.human)
     radio = _Radio(x.delay_ticks, p_H.shape[:-1])
     f_c = cable.force(robot.p_W, p_H, robot.v_W, v_H, x.cable)
     for tick in range(count):
@@ -148,8 +147,8 @@ class _Radio:
         if length == 1:
             return g
         parts = (*np.moveaxis(g.p_R_d, -1, 0), *np.moveaxis(g.f_d, -1, 0), *np.moveaxis(g.u_A, -1, 0), g.scale)
-        for row, part in zip(self._said[tick % length], parts, strict=True):
-            row[...] = part
+        for i, part in enumerate(parts):
+            self._said[tick % length, i] = part
         which = np.maximum(tick - self._delay, 0) % length
         heard = np.take_along_axis(self._said, np.broadcast_to(which, (1, *self._said.shape[1:])), axis=0)[0]
         vectors = (vector(*(scalar(part) for part in heard[i : i + 3])) for i in (0, 3, 6))

@@ -183,14 +183,18 @@ class Held:
     def damping(self, more: Scalar) -> Scalar:
         """b in N s/m; `more` for z while the cable is slack."""
         b = self.p.b_free_Ns_per_m if self._free else self.p.b_A_Ns_per_m
-        return choose(more, at_least(self.p.b_slack_Ns_per_m, b), b)
+        return choose(more, at_least(b, self.p.b_slack_Ns_per_m), b)
 
     def xy(self, saturated: Scalar) -> Answer:
         """Of x and of y."""
+        if type(saturated) is bool:
+            return self._case(False, saturated, False)
         return _either(saturated, lambda: self._case(False, True, False), lambda: self._case(False, False, False))
 
     def z(self, saturated: Scalar, damped: Scalar) -> Answer:
         """Of z."""
+        if type(saturated) is bool and type(damped) is bool:
+            return self._case(True, saturated, damped)
         return _either(
             saturated,
             lambda: _either(damped, lambda: self._case(True, True, True), lambda: self._case(True, True, False)),

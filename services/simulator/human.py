@@ -15,7 +15,7 @@ Everything broadcasts over leading axes.
 import math
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Annotated, NamedTuple
+from typing import Annotated, NamedTuple, TypeAlias
 
 import numpy as np
 from annotated_types import Gt
@@ -129,13 +129,11 @@ def step(state: HumanState, f_c_W: Array, u_H_W: Array, dt: float, p: Human) -> 
     return HumanState(p_H, v, facing(state.facing_W, v, dt, p))
 
 
-class Response(NamedTuple):
-    """What a person makes of a force held over dt, each (...): see `moved`."""
+Response: TypeAlias = tuple[Scalar, Scalar, Scalar, Scalar]
+"""What a person makes of a force f held over dt: p moves by `glide v + shift f` and v becomes `kept v + push f`.
 
-    glide_s: Scalar
-    kept: Scalar
-    shift_m_per_N: Scalar
-    push_mps_per_N: Scalar
+In the order glide in s, kept, shift in m/N, push in m/s/N.
+"""
 
 
 def response(dt: float, p: Human) -> Response:
@@ -143,7 +141,7 @@ def response(dt: float, p: Human) -> Response:
     b, rate = p.b_H_Ns_per_m, p.b_H_Ns_per_m / p.m_H_kg
     kept = exp(-rate * dt)
     glide = (1.0 - kept) / rate
-    return Response(glide, kept, (dt - glide) / b, (1.0 - kept) / b)
+    return glide, kept, (dt - glide) / b, (1.0 - kept) / b
 
 
 def moved(p_H_W: Array, v_H_W: Array, force_W: Array, r: Response) -> tuple[Array, Array]:
