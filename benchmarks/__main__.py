@@ -30,6 +30,10 @@ def main() -> None:
         ("One hop at 1 kHz, pydantic at both ends, beside bare Zenoh bytes", lambda: hop.show(hop.run(), hop.COLUMNS)),
         ("A 1 kHz loop beside a bare timerfd", lambda: hop.show(timers.run(), timers.COLUMNS)),
         ("Observer and filter at the paper's IMU rate", lambda: hop.show(kilohertz.run(), kilohertz.COLUMNS)),
+        (
+            "A campaign's crowd beside one person at a time",
+            lambda: subprocess.run([sys.executable, "-m", "benchmarks.campaign"], check=True),
+        ),
         ("MAVLink, both ends", lambda: subprocess.run([sys.executable, "-m", "benchmarks.mavlink"], check=True)),
     ):
         print(f"\n## {title}\n{machine()}\n", flush=True)

@@ -22,6 +22,11 @@ def main() -> None:
         for name in ("path.png", "time.png"):
             shutil.copy(summary["folder"] / name, DOCS / name)
     subprocess.run([sys.executable, "-m", "benchmarks.stability_map", "--out", str(DOCS)], check=True)
+    subprocess.run([sys.executable, "-m", "benchmarks.campaign", "--out", str(DOCS)], check=True)
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder) / "campaign"
+        subprocess.run([sys.executable, "-m", "services.cli", "campaign", "--out", str(out)], check=True)
+        shutil.copy(out / "walks.png", DOCS / "campaign.png")
     print("\n".join(str(file.relative_to(DOCS.parent.parent)) for file in sorted(DOCS.glob("*.png"))))
 
 

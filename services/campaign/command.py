@@ -1,19 +1,14 @@
 """`clew campaign`: many people walk, in some processes, and what comes out is written, shown and kept."""
 
-import multiprocessing
-import signal
 import sys
-from collections.abc import Callable
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from services.campaign import batch, population, recorded, report
+from services.campaign import batch, population, processes, recorded, report
 from services.campaign.batch import BATCH, Plan
 from services.campaign.robot import ROBOTS
 from services.campaign.statistics import Result
@@ -55,7 +50,7 @@ def campaign(options: Options) -> int:
         if options.sessions:
             return _tell(recorded.read(options.sessions), f"{len(options.sessions)} recorded walks", folder, console)
         plan = _plan(options, folder)
-        _run(folder, plan, options.jobs, console)
+        run_batches(folder, plan, options.jobs, console)
         return _tell(batch.collect(folder), _title(plan), folder, console)
     except Interrupted as stopped:
         print(f"stopped: {stopped}", file=sys.stderr)  # noqa: T201
@@ -130,7 +125,7 @@ def _title(plan: Plan) -> str:
     )
 
 
-def _run(folder: Path, plan: Plan, jobs: int, console: Console) -> None:
+def run_batches(folder: Path, plan: Plan, jobs: int, console: Console) -> None:
     """Do what is missing, under a bar with the time left. Raises Interrupted on Ctrl-C."""
     todo = batch.missing(folder, plan)
     sizes = {index: (which := plan.slice(index)).stop - which.start for index in range(plan.batches)}
@@ -152,47 +147,11 @@ def _run(folder: Path, plan: Plan, jobs: int, console: Console) -> None:
                 for index in todo:
                     batch.run(folder, index, lambda seconds: bar.advance(task, seconds))
             else:
-                _run_in_processes(folder, todo, jobs, lambda seconds: bar.update(task, completed=done + seconds))
+                processes.run(folder, todo, jobs, lambda seconds: bar.update(task, completed=done + seconds))
         except KeyboardInterrupt:
             kept = plan.batches - len(batch.missing(folder, plan))
             again = f"clew campaign --resume --out {folder}"
             raise Interrupted(f"{kept} of {plan.batches} batches are kept; go on with: {again}") from None
-
-
-def _run_in_processes(folder: Path, todo: list[int], jobs: int, progress: Callable[[float], None]) -> None:
-    """`progress` is told how many seconds have been walked so far. On Ctrl-C the batches under way are finished."""
-    context = multiprocessing.get_context("spawn")
-    walked = context.Value("d", 0.0)
-    with ProcessPoolExecutor(min(jobs, len(todo)), context, _begin, (walked,)) as pool:
-        waiting: set[Future[None]] = {pool.submit(_run_in_process, folder, index) for index in todo}
-        try:
-            while waiting:
-                finished, waiting = wait(waiting, timeout=0.2, return_when=FIRST_COMPLETED)
-                for future in finished:
-                    future.result()
-                progress(walked.value)
-        except KeyboardInterrupt:
-            pool.shutdown(wait=True, cancel_futures=True)
-            raise
-
-
-_walked: Any = None
-
-
-def _begin(walked: Any) -> None:
-    """In each process: who is told of the progress. Ctrl-C is for the parent alone."""
-    global _walked
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _walked = walked
-
-
-def _run_in_process(folder: Path, index: int) -> None:
-    batch.run(folder, index, _add)
-
-
-def _add(seconds: float) -> None:
-    with _walked.get_lock():
-        _walked.value += seconds
 
 
 def _tell(result: Result, title: str, folder: Path, console: Console) -> int:

@@ -7,8 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from services.campaign import batch
+from services.campaign import batch, recorded
 from services.campaign.command import Options, campaign
+from services.guiding_controller import path_file
+from services.recorder import reading, summary
+from tests.services import synthetic
 
 
 def short(out: Path, **changed) -> Options:
@@ -115,3 +118,26 @@ def test_a_folder_that_cannot_be_written_is_said(tmp_path, capsys):
     assert campaign(short(tmp_path / "file" / "out")) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert f"--out = {tmp_path / 'file' / 'out'}: cannot be written" in line
+
+
+def test_recorded_sessions_have_the_same_statistics(tmp_path):
+    files = [synthetic.write(tmp_path / f"{name}.mcap") for name in "ab"]
+    assert campaign(Options(sessions=files, out=tmp_path / "out")) == 0
+    runs = rows(tmp_path / "out" / "runs.csv")
+    alone = summary.summarise(reading.read(files[0]))
+    assert [(run["person"], run["trial"]) for run in runs] == [("1", "1"), ("1", "2")]
+    for run in runs:
+        assert float(run["error_mean_m"]) == pytest.approx(alone.path_error.mean_m, abs=1e-6)
+        assert float(run["error_max_m"]) == pytest.approx(alone.path_error.max_m, abs=1e-6)
+        assert float(run["end_error_m"]) == pytest.approx(alone.end_error_m, abs=1e-6)
+
+
+def test_recordings_along_different_paths_are_not_mixed(tmp_path, capsys, monkeypatch):
+    files = [synthetic.write(tmp_path / f"{name}.mcap") for name in "ab"]
+    read = recorded.path_of
+    other = path_file.read(Path(__file__).parents[2] / "deploy" / "paths" / "straight.toml", 1.0)
+    paths = iter((read(reading.read(files[0])), other))
+    monkeypatch.setattr(recorded, "path_of", lambda _: next(paths))
+    assert campaign(Options(sessions=files, out=tmp_path / "out")) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert f"{files[1]}: path = straight: must be the same as paper of {files[0]}" in line
