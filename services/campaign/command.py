@@ -141,7 +141,8 @@ def run_batches(folder: Path, plan: Plan, jobs: int, console: Console) -> None:
     console.print(_title(plan), highlight=False, soft_wrap=True)
     with Progress(*columns, console=console, transient=True) as bar:
         done = total - plan.duration_s * sum(sizes[index] for index in todo)
-        task = bar.add_task(f"{plan.walks} walks", total=total, completed=done)
+        task = bar.add_task(f"{plan.walks} walks", total=total)
+        bar.update(task, completed=done)
         try:
             if jobs == 1 or len(todo) == 1:
                 for index in todo:

@@ -1,4 +1,4 @@
-# pyright: reportUnknownMemberType=false
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false
 # matplotlib's stubs leave keyword arguments open
 """The paper's figures over all walks: where everybody went, and the path error of every run with its mean."""
 

@@ -15,6 +15,7 @@ from typing import Any, TypeAlias, cast, get_type_hints
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
+from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
 from services.campaign.walk import People
@@ -57,7 +58,7 @@ class Spread:
     std: float = 0.0
     values: tuple[float, ...] = ()
 
-    def at(self, u: Array, number: Array) -> Array:
+    def at(self, u: Array, number: NDArray[np.int64]) -> Array:
         """The values (N,) that u (N,) in [0, 1) decides for the ones numbered `number` (N,), from 0."""
         if self.values:
             return np.array(self.values)[number % len(self.values)]
@@ -134,7 +135,7 @@ def _made(key: str, value: Any) -> Spread:
         given = {str(name): _number(f"{key}.{name}", x) for name, x in cast("dict[str, Any]", value).items()}
         if set(given) not in ({"low", "high"}, {"mean", "std", "low", "high"}):
             raise ValueError(f"{key} = {value!r}: low and high are needed, and mean and std or neither")
-        made = Spread(**given)
+        made = Spread(given["low"], given["high"], given.get("mean", 0.0), given.get("std", 0.0))
         if not made.low <= made.high:
             raise ValueError(f"{key}.low = {made.low:g}: must be at most high = {made.high:g}")
         if "std" in given and not made.std > 0.0:
@@ -172,11 +173,13 @@ def draw(population: Population, u_person: Array, u_trial: Array) -> Columns:
     does not do it starts at infinity.
     """
     persons, trials, _ = u_trial.shape
-    walk = np.arange(persons * trials)
+    walk: NDArray[np.int64] = np.arange(persons * trials, dtype=np.int64)
     columns: Columns = {"person": walk // trials + 1.0, "trial": walk % trials + 1.0}
     for q, name in enumerate(QUANTITIES):
         if name in population.person:
-            columns[name] = np.repeat(population.person[name].at(u_person[:, q], np.arange(persons)), trials)
+            columns[name] = np.repeat(
+                population.person[name].at(u_person[:, q], np.arange(persons, dtype=np.int64)), trials
+            )
         else:
             columns[name] = population.trial[name].at(u_trial[..., q].ravel(), walk)
     for i, deed in enumerate(DEEDS):

@@ -2,7 +2,7 @@
 
 import multiprocessing
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from contextlib import contextmanager
 from pathlib import Path
@@ -36,7 +36,7 @@ def run(folder: Path, todo: list[int], jobs: int, progress: Callable[[float], No
 
 
 @contextmanager
-def _without_ctrl_c() -> Iterator[None]:
+def _without_ctrl_c() -> Generator[None]:
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         yield

@@ -7,6 +7,7 @@ import json
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rich import box
@@ -116,8 +117,9 @@ def _write_csv(file: Path, columns: Columns) -> None:
 
 def _write_traces(file: Path, result: Result) -> None:
     """x and y in m of each walk that was kept, one array a walk, by the number of its row in runs.csv."""
+    runs: dict[str, Any] = {f"run_{i:05d}": trace for i, trace in enumerate(result.traces)}
     with file.open("wb") as out:
-        np.savez_compressed(out, **{f"run_{i:05d}": trace for i, trace in enumerate(result.traces)})
+        np.savez_compressed(out, allow_pickle=False, **runs)
 
 
 def claims(summary: Summary) -> Iterator[tuple[str, str, str]]:

@@ -35,9 +35,6 @@ class Robot(Protocol):
         """How fast it moves, (..., 3) m/s."""
         ...
 
-    p_W: Array
-    v_W: Array
-
     def obey(self, command: Command, slack: Scalar) -> None:
         """Take the command that holds from now on, and whether motion capture sees a slack cable, (...)."""
         ...

@@ -95,7 +95,8 @@ def draw(spreads: Mapping[str, Spread], u: Array, trials: int) -> Columns:
 def experiment(base: Experiment, columns: Columns, which: slice | int) -> Experiment:
     """What these walks are walked with: `base`, and what the columns say otherwise."""
     given = {name: some(columns[name], which) for name in _OF_LAWS if name in columns}
-    delay = np.round(some(columns["delay_ms"], which) / (1e3 * CONTROL_S)) if "delay_ms" in columns else 0
+    delay_ms: Array = columns.get("delay_ms", np.zeros(len(columns["person"])))
+    delay = np.round(np.asarray(some(delay_ms, which)) / (1e3 * CONTROL_S))
     changed = replace(
         base,
         cable=_with(base.cable, given),
@@ -115,4 +116,4 @@ def _dense(x: Experiment, n: int) -> Experiment:
 
 
 def _with(parameters: Any, given: Mapping[str, Any]) -> Any:
-    return replace(parameters, **{name: x for name, x in given.items() if name in limits(type(parameters))})
+    return replace(parameters, **{name: x for name, x in given.items() if hasattr(parameters, name)})

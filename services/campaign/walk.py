@@ -176,7 +176,7 @@ class _Kept:
     def walks(self) -> Walks:
         """All of it."""
         places = np.moveaxis(self._places, (0, 1), (-2, -1))
-        t_s = KEPT_S * np.arange(places.shape[-2])
+        t_s = np.arange(places.shape[-2], dtype=np.float64) * KEPT_S
         p_H, p_R, s = places[..., :3], places[..., 3:6], places[..., 6]
         return Walks(t_s, p_H, p_R, s, np.sqrt(self._force2), np.sqrt(self._head2))
 

@@ -159,7 +159,7 @@ def _near(guess: Scalar, x: Scalar, y: Scalar, lo: Scalar, hi: Scalar, path: Pat
     its far end is further from the hand than d (Schur's comparison theorem, for arcs up to π R). Both hold for
     d < 0.32 R in a window shorter than π R.
     """
-    s = guess
+    s, settled, distance2 = guess, False, math.inf
     for _ in range(NEWTON_STEPS):
         step, distance2 = _newton_step(s, x, y, path)
         before, s = s, clamp(s + step, lo, hi)

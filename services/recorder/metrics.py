@@ -11,6 +11,7 @@ of many of the same length at once, (..., T, 3), and is then an array (...).
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
 from services.guiding_controller.path import Path, project
 from services.physics import Array, Scalar, norm
@@ -58,8 +59,9 @@ def _path_errors(walks: Array, p: Array, t_hat: Array, normal: Array) -> Array:
 def _stretches(walks: Array) -> Array:
     """Walks (N, T, 2) cut into stretches (N, K, STRETCH + 1, 2) that share their ends; the last point is repeated."""
     count = -(-walks.shape[1] // STRETCH)
-    i = STRETCH * np.arange(count)[:, None] + np.arange(STRETCH + 1)
-    return walks[:, np.minimum(i, walks.shape[1] - 1)]
+    ends = STRETCH * np.arange(count, dtype=np.int64)
+    points: NDArray[np.int64] = np.add.outer(ends, np.arange(STRETCH + 1, dtype=np.int64))
+    return walks[:, np.clip(points, 0, walks.shape[1] - 1)]
 
 
 def mean_over_runs(errors: Array) -> Array:

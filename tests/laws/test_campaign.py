@@ -1,8 +1,10 @@
 """The campaign: a crowd walks as each would alone, populations are what their files say, statistics what walks are."""
 
 import tomllib
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -23,13 +25,12 @@ GENERAL = tomllib.loads((POPULATIONS / "general.toml").read_text())
 
 
 def plan(**changed) -> Plan:
-    fields = {"people": 4, "trials": 2, "seed": 1, "controller": Controller.REFERENCE, "robot": "ideal", "vary": ""}
-    fields |= {"duration_s": 60.0, "batch": 1000, "population": GENERAL, "config": profile()}
-    return Plan(**fields | changed)
+    usual = Plan(4, 2, 1, Controller.REFERENCE, "ideal", "", 60.0, 1000, GENERAL, profile())
+    return replace(usual, **changed)
 
 
 @cache
-def profile() -> dict:
+def profile() -> dict[str, Any]:
     return load("demo").model_dump(mode="json")
 
 
@@ -120,7 +121,7 @@ def test_fewer_people_are_the_first_of_more_and_a_seed_is_a_seed():
 def test_everybody_is_within_the_files_limits(seed):
     made, rng = population.build(GENERAL), np.random.default_rng(seed)
     columns = population.draw(made, rng.random((50, UNIFORMS)), rng.random((50, 2, UNIFORMS)))
-    for name, drawn in (made.person | made.trial).items():
+    for name, drawn in (dict(made.person) | dict(made.trial)).items():
         known = columns[name][np.isfinite(columns[name])]
         assert np.all((known >= drawn.low) & (known <= drawn.high)), name
     share = np.mean(np.isfinite(columns["stop_start_s"]))
@@ -201,7 +202,7 @@ def test_a_range_and_a_list_are_shared_out_evenly():
 def test_statistics_of_walks_made_by_hand():
     path, s = ideal.paper_path_cached(), np.linspace(0.0, 1.0, 800)
     p_H = np.stack([path.p(s) + aside * path.normal(s) for aside in (0.08, -0.04)])
-    columns, errors = statistics.of_walks(0.05 * np.arange(800), p_H, p_H + [0.0, 0.0, 1.01], path, 1.0)
+    columns, errors = statistics.of_walks(np.arange(0.0, 40.0, 0.05), p_H, p_H + [0.0, 0.0, 1.01], path, 1.0)
     assert columns["error_mean_m"] == pytest.approx([0.08, 0.04], abs=1e-3)
     assert columns["outward_m"] == pytest.approx([0.08, -0.04], abs=1e-3)  # the path bends to the right
     assert columns["end_error_m"] == pytest.approx([0.08, 0.04], abs=1e-6)

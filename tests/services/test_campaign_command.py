@@ -2,6 +2,7 @@
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from tests.services import synthetic
 
 
 def short(out: Path, **changed) -> Options:
-    return Options(**{"people": 3, "trials": 2, "seconds": 1.0, "population": "general", "out": out} | changed)
+    return replace(Options(people=3, trials=2, seconds=1.0, population="general", out=out), **changed)
 
 
 def rows(file: Path) -> list[dict[str, str]]:
