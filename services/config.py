@@ -5,6 +5,7 @@ section per service. The shape of each section stands beside the law that uses i
 A launched service reads the resolved configuration from one JSON file, which is also recorded.
 """
 
+import os
 from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
@@ -155,8 +156,10 @@ def _set_default(data: Any, key: str, value: Any) -> None:
         cast("dict[str, Any]", data).setdefault(last, value)
 
 
-def load(profile: str, *, path: str = "", person: str = "", seed: int | None = None, session_dir: str = "") -> Config:
-    """A validated configuration from a profile's name or file.
+def load(
+    profile: str, *, path: str = "", person: str = "", seed: int | None = None, session_dir: str = "", px4: str = ""
+) -> Config:
+    """A validated configuration from a profile's name or file; `px4` is PX4's program, where PX4 is simulated with.
 
     Raises:
         ConfigError: with one line per fault: file, key, value, limit.
@@ -176,7 +179,15 @@ def load(profile: str, *, path: str = "", person: str = "", seed: int | None = N
         files[section] = find(folder, str(system[section]), f"{file}: system.{section} = ")
         data[section] = read(files[section])
     _derive(data)
+    if px4 and _get(data, "simulator.px4_sitl") is not None:
+        _program(data, px4)
     return _validate(file, data | {"session_dir": session_dir}, files)
+
+
+def _program(data: dict[str, Any], px4: str) -> None:
+    if not os.access(px4, os.X_OK) or Path(px4).is_dir():
+        raise ConfigError(f"PX4's program (--px4 or PX4_BIN) = {px4}: must be a file that can be run")
+    data["simulator"]["px4_sitl"]["binary"] = str(Path(px4).absolute())
 
 
 def _validate(file: Path, data: dict[str, Any], files: dict[str, Path]) -> Config:

@@ -16,7 +16,7 @@ from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pymavlink.dialects.v20 import common as dialect
+from pymavlink.dialects.v20 import development as dialect
 
 from schemas import frames
 from services.simulator.autopilot import STEP_S, AutopilotState, Input, Output, Pose, Sensors, Target
@@ -195,6 +195,8 @@ class MavlinkLink:
         if stream is None:
             return Ack.DENIED
         if command == dialect.MAV_CMD_SET_MESSAGE_INTERVAL:
+            if message_id == dialect.MAVLINK_MSG_ID_HEARTBEAT:
+                return Ack.FAILED  # PX4 keeps that one at 1 Hz
             stream.set_interval(interval_us)
         else:
             self._asked.add(message_id)

@@ -7,7 +7,7 @@ The dialect is imported by its MAVLink 2 name, so that no environment variable d
 import struct
 from typing import Any
 
-from pymavlink.dialects.v20 import common as dialect
+from pymavlink.dialects.v20 import development as dialect  # common and CURRENT_MODE
 from pymavlink.generator.mavcrc import x25crc
 
 MAGIC = b"\xfd"
