@@ -47,15 +47,20 @@ class Px4Hil(Pilot):
         self.time_us = 0
         self.armed = False
         self._answered_us = -1
-        """The sample that was answered last; none while PX4 still starts."""
+        """The sample that was answered last."""
+
+    @property
+    def starting(self) -> bool:
+        """PX4 has not answered yet: until it does the lockstep does not hold, and it takes its own time."""
+        return self._answered_us < 0
 
     def motors(self) -> Array:
         """Wait for the answer to the newest sample. While PX4 starts it does not answer: then the motors stand still.
 
         Raises Px4Lost.
         """
-        starting = self._answered_us < 0
-        while self._answered_us < self.time_us and self._receive(wait=not starting):
+        lockstep = not self.starting
+        while self._answered_us < self.time_us and self._receive(wait=lockstep):
             pass
         return self._motors
 
