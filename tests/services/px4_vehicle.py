@@ -108,10 +108,18 @@ class Px4Vehicle(Vehicle, Pilot):
         """PX4 is heard and sends at the bridge's rates."""
         async with asyncio.timeout(30.0):
             await self._until(lambda: self._telemetry.heartbeats > 0)
+        self.ask_rates()
+
+    def ask_rates(self) -> None:
+        """From then on each step has its inertial sample."""
         for name, (number, rate_Hz) in telecommand.RATES_Hz.items():
             if name in self._telemetry.messages:
-                await self._command(f"rate of {name}", telecommand.command(telecommand.SET_INTERVAL, number, 1e6 / rate_Hz))
+                self.order(telecommand.command(telecommand.SET_INTERVAL, number, 1e6 / rate_Hz))
         self._streaming = True
+
+    def order(self, fields: Fields) -> None:
+        """A COMMAND_LONG whose answer nobody waits for."""
+        self._send("command_long", fields | {"target_system": 1, "target_component": AUTOPILOT})
 
     @property
     def sample(self) -> VehicleSample:
@@ -164,7 +172,7 @@ class Px4Vehicle(Vehicle, Pilot):
 
     async def _command(self, what: str, fields: Fields) -> None:
         done = self._waiting[fields["command"]] = asyncio.get_running_loop().create_future()
-        self._send("command_long", fields | {"target_system": 1, "target_component": AUTOPILOT})
+        self.order(fields)
         try:
             async with asyncio.timeout(_ANSWER_S):
                 result = await done
