@@ -209,7 +209,7 @@ def _lines(error: ValidationError, file: Path, files: dict[str, Path]) -> Iterat
         if not parts:  # a limit across sections: the message begins with its key
             yield f"{written_in(files, _key_of(message)) or file}: {message}"
             continue
-        where = written_in(files, ".".join(parts)) or file
+        where = written_in(files, place if place in files else _SOURCES.get(place, place)) or file
         key = ".".join(parts[1:] if parts[0] in _FILES else parts)
         if source := _SOURCES.get(".".join(parts)):
             key = f"{key}, from {source}"

@@ -50,6 +50,8 @@ class Px4Vehicle(Vehicle, Pilot):
         self._streaming = False
         self.heard: list[tuple[str, Fields]] | None = None
         """Set to a list to collect every message."""
+        self.mute = False
+        """While true no set-point gets through."""
 
     def close(self) -> None:
         self._socket.close()
@@ -139,6 +141,8 @@ class Px4Vehicle(Vehicle, Pilot):
 
     def send_setpoint(self, p_W: Array | None, v_W: Array | None, a_W: Array | None, yaw_rad: float | None) -> None:
         fields = telecommand.setpoint(p_W, v_W, a_W, yaw_rad)
+        if self.mute:
+            return
         self._send("set_position_target_local_ned", fields | {"target_system": 1, "target_component": AUTOPILOT})
 
     def send_pose(self, p_W: Array, q_WB_wxyz: Array, stamp_ns: int) -> None:
