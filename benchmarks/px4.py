@@ -18,7 +18,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from benchmarks import flight_demo, stability_map
-
 from benchmarks.hop import show
 from benchmarks.px4_rig import Rig, px4
 from services import cable

@@ -21,7 +21,8 @@ from services.guiding_controller import path_file
 from services.guiding_controller.path import Path as GuidedPath
 from services.parameters import NonNegative, Positive, parameters
 from services.physics import GRAVITY_MPS2
-from services.profile_file import ConfigError, deploy_folder, find, layered, read, written_in
+from services.profile_file import ConfigError, find, layered, read, written_in
+from services.profile_file import deploy_folder as deploy_folder
 from services.px4_bridge.admittance import check as check_virtual_mass
 from services.recorder.writer import Recorder
 

@@ -31,9 +31,7 @@ class DemoFailed(RuntimeError):
     """The flight could not be begun or did not end; the text says why."""
 
 
-def demo(
-    profile: str, path: str, person: str, seed: int | None, out: Path, live: bool, px4: str = ""
-) -> int:
+def demo(profile: str, path: str, person: str, seed: int | None, out: Path, live: bool, px4: str = "") -> int:
     """Fly, then report. Returns the exit code: 0 when the flight met its limits, 1 when not, 2 for bad configuration."""
     console = Console()
     try:

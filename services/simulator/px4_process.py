@@ -7,7 +7,7 @@ import signal
 import socket
 import subprocess
 from collections.abc import AsyncGenerator, Generator
-from contextlib import asynccontextmanager, contextmanager
+from contextlib import AsyncExitStack, asynccontextmanager, contextmanager
 from pathlib import Path
 
 from services.sections import Vehicle
@@ -26,17 +26,16 @@ class Px4NotThere(RuntimeError):
 
 
 @asynccontextmanager
-async def connected(
-    p: Px4Sitl, vehicle: Vehicle, laboratory: Px4Parameters, folder: str
-) -> AsyncGenerator[Px4Hil]:
+async def connected(p: Px4Sitl, vehicle: Vehicle, laboratory: Px4Parameters, folder: str) -> AsyncGenerator[Px4Hil]:
     """PX4 connected to our physics: started where `p.binary` names one, else waited for.
 
     Its files go to `<folder>/px4`, its words to `<folder>/logs/px4.log`. Raises Px4NotThere.
     """
     parameters = px4_sitl.of_vehicle(vehicle.quadrotor, vehicle.cascade) | laboratory | p.parameters
-    with _listening(p.port) as listener, started(p, parameters, Path(folder)) as process:
-        with await _first(listener, p, process, Path(folder)) as connection:
-            yield Px4Hil(connection)
+    async with AsyncExitStack() as held:
+        listener = held.enter_context(_listening(p.port))
+        process = held.enter_context(started(p, parameters, Path(folder)))
+        yield Px4Hil(held.enter_context(await _first(listener, p, process, Path(folder))))
 
 
 @contextmanager

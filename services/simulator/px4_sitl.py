@@ -70,7 +70,8 @@ def of_vehicle(body: Quadrotor, gains: Cascade) -> Px4Parameters:
         found[f"CA_ROTOR{n}_PY"] = round(float(-left) * body.arm_length_m, 6)
         found[f"CA_ROTOR{n}_KM"] = float(-spin) * body.torque_per_thrust_m
     for ours, theirs in _GAINS.items():
-        found |= dict.fromkeys(theirs, getattr(gains, ours))
+        for name in theirs:
+            found[name] = getattr(gains, ours)
     return found
 
 

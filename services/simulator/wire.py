@@ -39,7 +39,7 @@ def take_frame(stream: bytearray) -> tuple[int, bytes] | None:
     """
     if len(stream) <= HEADER.size:
         return None
-    if stream[:1] != MAGIC:
+    if not stream.startswith(MAGIC):
         raise ValueError("not MAVLink 2")
     length, *_, low, high = HEADER.unpack_from(stream, 1)
     begin = 1 + HEADER.size

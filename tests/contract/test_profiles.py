@@ -83,6 +83,8 @@ def test_every_key_knows_its_file(tmp_path):
 
 
 def test_a_program_that_cannot_run_is_refused_before_anything_starts(tmp_path):
-    with pytest.raises(ConfigError, match=r"PX4's program \(--px4 or PX4_BIN\) = .*nothing: must be a file that can be run"):
+    with pytest.raises(
+        ConfigError, match=r"PX4's program \(--px4 or PX4_BIN\) = .*nothing: must be a file that can be run"
+    ):
         load("px4-sitl", px4=str(tmp_path / "nothing"))
     assert load("demo", px4=str(tmp_path / "nothing")).simulator.px4_sitl is None

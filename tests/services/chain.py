@@ -3,7 +3,7 @@
 import asyncio
 import importlib
 from collections import defaultdict
-from collections.abc import Awaitable, Callable, Coroutine, Sequence
+from collections.abc import Awaitable, Callable, Coroutine, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -109,11 +109,11 @@ async def perform(
     bus: MemoryBus,
     clock: VirtualClock,
     vehicle: Any,
-    runs: dict[str, Coroutine[Any, Any, None]],
+    runs: Mapping[str, Coroutine[Any, Any, None]],
     others: Sequence[str] = ON_THE_BUS_ONLY,
 ) -> Flight:
     """The other services beside those in `runs`, while the script lasts."""
-    flight = Flight(config, vehicle)
+    flight, runs = Flight(config, vehicle), dict(runs)
     for topic in TOPICS:
         bus.subscribe(
             topic.key, lambda key, payload, t=topic: flight.said[key].append(t.type.model_validate_json(payload))

@@ -3,6 +3,7 @@
 import math
 import socket
 import struct
+from typing import Any
 
 import numpy as np
 import pytest
@@ -111,13 +112,14 @@ def test_a_px4_that_ends_or_hangs_is_told_in_words(ends, monkeypatch):
     with pytest.raises(Px4Lost, match="not answered"):
         hil.motors()
     px4.connection.close()
-    with pytest.raises(Px4Lost, match=r"ended|gone|closed"):
-        for _ in range(3):
-            hil.motors()
-            hil.sense(AT_REST)
+    with pytest.raises(Px4Lost, match=r"ended|gone"):
+        hil.motors()
 
 
-@given(cuts=st.lists(st.integers(1, 60), max_size=12), motors=st.lists(st.floats(0.0, 1.0, width=32), min_size=4, max_size=4))
+@given(
+    cuts=st.lists(st.integers(1, 60), max_size=12),
+    motors=st.lists(st.floats(0.0, 1.0, width=32), min_size=4, max_size=4),
+)
 def test_a_stream_may_be_cut_anywhere(cuts, motors):
     """TCP delivers bytes, not messages; trailing zeros do not travel."""
     mav = dialect.MAVLink(None, 1, 1)
@@ -147,6 +149,7 @@ def test_the_quick_packer_and_pymavlink_agree():
 
     fields = (4000, *[float(n) for n in range(1, 14)], 63, 0)
     Wire(File, 1, 1).send_fields(107, *fields)
-    (message,) = dialect.MAVLink(None, 1, 1).parse_buffer(sent[0])
+    parser: Any = dialect.MAVLink(None, 1, 1)
+    (message,) = parser.parse_buffer(sent[0])
     assert (message.time_usec, message.xacc, message.temperature, message.fields_updated) == (4000, 1.0, 13.0, 63)
     assert struct.calcsize(dialect.mavlink_map[107].unpacker.format) == 65

@@ -166,7 +166,18 @@ def test_without_motion_capture_nobody_is_pulled_and_it_comes_down(tmp_path):
 def test_the_command_flies_it_too(tmp_path):
     """`clew demo --profile px4-sitl` in real time, as processes; a starved host may spoil the figures, not the flight."""
     environment = os.environ | {"CLEW_RUN_DIR": str(tmp_path / "run")}
-    command = [sys.executable, "-P", "-m", "services.cli", "demo", "--profile", "px4-sitl", "--no-live", "--out", str(tmp_path)]
+    command = [
+        sys.executable,
+        "-P",
+        "-m",
+        "services.cli",
+        "demo",
+        "--profile",
+        "px4-sitl",
+        "--no-live",
+        "--out",
+        str(tmp_path),
+    ]
     ended = subprocess.run(command, env=environment, capture_output=True, text=True, check=False, timeout=200)
     assert ended.returncode in (0, 1), ended.stderr
     folder = tmp_path / "latest"

@@ -74,7 +74,9 @@ def test_a_px4_that_ends_at_once_is_quoted(tmp_path):
 
 
 def test_a_px4_that_does_not_come_is_named_and_stopped(tmp_path):
-    binary = program(tmp_path, f"import os, time; open({str(tmp_path / 'pid')!r}, 'w').write(str(os.getpid())); time.sleep(60)")
+    binary = program(
+        tmp_path, f"import os, time; open({str(tmp_path / 'pid')!r}, 'w').write(str(os.getpid())); time.sleep(60)"
+    )
     with pytest.raises(Px4NotThere, match=r"has not connected to port 456\d within 1 s"):
         connect(tmp_path / "session", binary, appears_s=1.0)
     assert not alive(int((tmp_path / "pid").read_text()))
@@ -97,7 +99,9 @@ def test_a_taken_port_is_named(tmp_path):
             async with px4_process.connected(sitl, CONFIG.vehicle, {}, str(tmp_path)):
                 pass
 
-        with pytest.raises(Px4NotThere, match=rf"port {sitl.port}, where PX4 looks for its simulator: Address already in use"):
+        with pytest.raises(
+            Px4NotThere, match=rf"port {sitl.port}, where PX4 looks for its simulator: Address already in use"
+        ):
             asyncio.run(main())
 
 
