@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Self, cast
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
 
 from schemas.topics import SERVICES
 from services import sections
@@ -185,6 +185,15 @@ def load(profile: str, *, path: str = "", person: str = "", seed: int | None = N
         data[section] = _read(files[section])
     _derive(data)
     return _validate(file, data | {"session_dir": session_dir}, files)
+
+
+def load_vehicle(name: str) -> sections.Vehicle:
+    """A vehicle alone, from its name in deploy/vehicles or its file. Raises ConfigError like `load`."""
+    file = _find("vehicles", name)
+    try:
+        return TypeAdapter(sections.Vehicle).validate_python(_read(file))
+    except ValidationError as error:
+        raise ConfigError("\n".join(_lines(error, file, {}))) from None
 
 
 def _find(folder: str, name: str, asked_by: str = "") -> Path:
