@@ -10,6 +10,7 @@ app = typer.Typer(
 )
 
 Profile = Annotated[str, typer.Option(help="a name in deploy/profiles, or a file")]
+Px4 = Annotated[str, typer.Option(help="PX4's program for a profile that simulates with it", envvar="PX4_BIN")]
 
 
 @app.command()
@@ -20,11 +21,12 @@ def demo(
     seed: Annotated[int | None, typer.Option(help="of all simulated noise")] = None,
     out: Annotated[Path, typer.Option(help="where session folders go")] = Path("sessions"),
     live: Annotated[bool, typer.Option(help="the live panel")] = True,
+    px4: Px4 = "",
 ) -> None:
     """Fly the experiment once, simulated, from take-off to landing, and show what happened."""
     from services import demo as demonstration
 
-    raise typer.Exit(demonstration.demo(profile, path, person, seed, out, live))
+    raise typer.Exit(demonstration.demo(profile, path, person, seed, out, live, px4))
 
 
 @app.command()
@@ -39,11 +41,12 @@ def run(service: str, profile: Profile = "demo") -> None:
 def up(
     profile: Annotated[str, typer.Argument(help="a name in deploy/profiles, or a file")] = "demo",
     out: Path = Path("sessions"),
+    px4: Px4 = "",
 ) -> None:
     """Run all services of a profile until Ctrl-C."""
     from services import start
 
-    raise typer.Exit(start.up(profile, out))
+    raise typer.Exit(start.up(profile, out, px4))
 
 
 @app.command()

@@ -31,11 +31,13 @@ class DemoFailed(RuntimeError):
     """The flight could not be begun or did not end; the text says why."""
 
 
-def demo(profile: str, path: str, person: str, seed: int | None, out: Path, live: bool) -> int:
+def demo(
+    profile: str, path: str, person: str, seed: int | None, out: Path, live: bool, px4: str = ""
+) -> int:
     """Fly, then report. Returns the exit code: 0 when the flight met its limits, 1 when not, 2 for bad configuration."""
     console = Console()
     try:
-        config = load(profile, path=path, person=person, seed=seed)
+        config = load(profile, path=path, person=person, seed=seed, px4=px4)
         folder = new_session(out)
     except (ConfigError, OSError) as error:
         print(error, file=sys.stderr)  # noqa: T201

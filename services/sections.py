@@ -20,6 +20,7 @@ from services.simulator.autopilot import Autopilot
 from services.simulator.handle import Handle
 from services.simulator.human import Event, Human
 from services.simulator.imu import Mocap
+from services.simulator.px4_sitl import Px4Sitl
 from services.simulator.subject import Subject
 from services.tracker.filtering import Filter
 
@@ -71,7 +72,7 @@ class Link:
 
 @parameters
 class Px4Bridge:
-    """The filter, the way to fly, and the link."""
+    """The filter, the way to fly, the link, and how the autopilot must be set: its parameters, by its own names."""
 
     flight: Flight
     admittance: Admittance
@@ -79,6 +80,7 @@ class Px4Bridge:
     limits: SetpointLimits
     vehicle: Telemetry
     link: Link
+    px4: dict[str, int | float]
 
 
 @parameters
@@ -111,3 +113,5 @@ class Simulator:
     """Where the stand-in sends its MAVLink: host:port."""
     clear_of_start_m: NonNegative
     """Where the subject waits, behind the start of the path."""
+    px4_sitl: Px4Sitl | None = None
+    """Where a profile has this table, PX4 flies instead of the stand-in."""

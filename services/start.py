@@ -71,10 +71,10 @@ def run_by_hand(name: str, profile: str) -> int:
     return run_service(name, config)
 
 
-def up(profile: str, out: Path) -> int:
+def up(profile: str, out: Path, px4: str = "") -> int:
     """`clew up`: all services of a profile, until Ctrl-C or until one ends."""
     try:
-        config = load(profile)
+        config = load(profile, px4=px4)
     except ConfigError as error:
         print(error, file=sys.stderr)  # noqa: T201
         return 2

@@ -3,7 +3,7 @@
 import asyncio
 import importlib
 from collections import defaultdict
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Coroutine, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -26,7 +26,7 @@ class Flight:
     """What was said on the bus, by topic, and the vehicle that flew."""
 
     config: Config
-    vehicle: DirectVehicle
+    vehicle: Any
     said: dict[str, list[Any]] = field(default_factory=lambda: defaultdict(list))
 
     def phases(self) -> list[Phase]:
@@ -75,7 +75,17 @@ class Stage:
 
 def fly(config: Config, script: Callable[[Stage], Awaitable[object]], limit_s: float = 200.0) -> Flight:
     """Start every service, run `script` (a coroutine function), stop; what was said meanwhile."""
-    return run_virtual(_fly(config, script), limit_s=limit_s)
+
+    async def flight() -> Flight:
+        clock, bus = VirtualClock(), MemoryBus()
+        vehicle = DirectVehicle(config.px4_bridge.vehicle, clock.now_ns, MAVLINK_DELAY_S)
+        runs = {
+            "simulator": simulator.play(Node("simulator", bus, clock), config, vehicle),
+            "px4_bridge": bridge.fly(Node("px4_bridge", bus, clock), config, vehicle),
+        }
+        return await perform(config, script, bus, clock, vehicle, runs)
+
+    return run_virtual(flight(), limit_s=limit_s)
 
 
 async def whole(stage: Stage) -> None:
@@ -93,19 +103,22 @@ async def until_guiding(stage: Stage, for_s: float = 0.0) -> None:
     await asyncio.sleep(for_s)
 
 
-async def _fly(config: Config, script: Callable[[Stage], Awaitable[object]]) -> Flight:
-    clock, bus = VirtualClock(), MemoryBus()
-    vehicle = DirectVehicle(config.px4_bridge.vehicle, clock.now_ns, MAVLINK_DELAY_S)
+async def perform(
+    config: Config,
+    script: Callable[[Stage], Awaitable[object]],
+    bus: MemoryBus,
+    clock: VirtualClock,
+    vehicle: Any,
+    runs: dict[str, Coroutine[Any, Any, None]],
+    others: Sequence[str] = ON_THE_BUS_ONLY,
+) -> Flight:
+    """The other services beside those in `runs`, while the script lasts."""
     flight = Flight(config, vehicle)
     for topic in TOPICS:
         bus.subscribe(
             topic.key, lambda key, payload, t=topic: flight.said[key].append(t.type.model_validate_json(payload))
         )
-    runs = {
-        "simulator": simulator.play(Node("simulator", bus, clock), config, vehicle),
-        "px4_bridge": bridge.fly(Node("px4_bridge", bus, clock), config, vehicle),
-    }
-    for name in ON_THE_BUS_ONLY:
+    for name in others:
         runs[name] = importlib.import_module(f"services.{name}.service").run(Node(name, bus, clock), config)
     tasks = {name: asyncio.create_task(run, name=name) for name, run in runs.items()}
     try:
