@@ -38,12 +38,22 @@ def table(message: type[Message], messages: Sequence[Row]) -> Table:
 def _columns(part: type[Part], messages: Sequence[Row], prefix: str = "") -> Table:
     found: Table = {}
     for name, field in part.model_fields.items():
-        kind, values = field.annotation, [row[name] for row in messages]
+        kind = field.annotation
+        if field.is_required():
+            values = [row[name] for row in messages]
+        else:  # a recording may be older than the field
+            default = _plain(field.get_default(call_default_factory=True))
+            values = [row.get(name, default) for row in messages]
         if isinstance(kind, type) and issubclass(kind, Part) and kind not in _COMPONENTS:
             found |= _columns(kind, values, f"{prefix}{name}.")
         elif name != "inputs":
             found[prefix + name] = _column(kind, values)
     return found
+
+
+def _plain(value: Any) -> Any:
+    """As it stands in a parsed message."""
+    return value.model_dump() if isinstance(value, Part) else value
 
 
 def _column(kind: Any, values: list[Any]) -> Array:

@@ -5,12 +5,15 @@ import importlib
 from collections import defaultdict
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from schemas.safety import Action, OperatorRequest, Phase, SafetyState
 from schemas.topics import OPERATOR, REQUEST, SAFETY_STATE, TOPICS
 from services.config import Config
 from services.px4_bridge import service as bridge
+from services.recorder import service as recorder
+from services.recorder.walk import CONFIG_ATTACHMENT
 from services.runtime.memory_bus import MemoryBus
 from services.runtime.node import Node
 from services.runtime.virtual import VirtualClock, run_virtual
@@ -73,9 +76,11 @@ class Stage:
         raise AssertionError
 
 
-def fly(config: Config, script: Callable[[Stage], Awaitable[object]], limit_s: float = 200.0) -> Flight:
-    """Start every service, run `script` (a coroutine function), stop; what was said meanwhile."""
-    return run_virtual(_fly(config, script), limit_s=limit_s)
+def fly(
+    config: Config, script: Callable[[Stage], Awaitable[object]], limit_s: float = 200.0, record: Path | None = None
+) -> Flight:
+    """Start every service, run `script` (a coroutine function), stop; what was said meanwhile, also in a recording."""
+    return run_virtual(_fly(config, script, record), limit_s=limit_s)
 
 
 async def whole(stage: Stage) -> None:
@@ -93,7 +98,7 @@ async def until_guiding(stage: Stage, for_s: float = 0.0) -> None:
     await asyncio.sleep(for_s)
 
 
-async def _fly(config: Config, script: Callable[[Stage], Awaitable[object]]) -> Flight:
+async def _fly(config: Config, script: Callable[[Stage], Awaitable[object]], record: Path | None) -> Flight:
     clock, bus = VirtualClock(), MemoryBus()
     vehicle = DirectVehicle(config.px4_bridge.vehicle, clock.now_ns, MAVLINK_DELAY_S)
     flight = Flight(config, vehicle)
@@ -105,6 +110,15 @@ async def _fly(config: Config, script: Callable[[Stage], Awaitable[object]]) -> 
         "simulator": simulator.play(Node("simulator", bus, clock), config, vehicle),
         "px4_bridge": bridge.fly(Node("px4_bridge", bus, clock), config, vehicle),
     }
+    if record:
+        runs["recorder"] = recorder.record(
+            Node("recorder", bus, clock),
+            bus,
+            file=record,
+            params=config.recorder,
+            metadata={"profile": config.system.name},
+            attachments={CONFIG_ATTACHMENT: config.model_dump_json().encode()},
+        )
     for name in ON_THE_BUS_ONLY:
         runs[name] = importlib.import_module(f"services.{name}.service").run(Node(name, bus, clock), config)
     tasks = {name: asyncio.create_task(run, name=name) for name, run in runs.items()}
