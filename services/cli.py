@@ -5,9 +5,13 @@ from typing import Annotated
 
 import typer
 
+from services import cli_sessions
+
 app = typer.Typer(
     no_args_is_help=True, add_completion=False, help="Clew guides a person by the hand with a tethered drone."
 )
+
+app.add_typer(cli_sessions.app)
 
 Profile = Annotated[str, typer.Option(help="a name in deploy/profiles, or a file")]
 

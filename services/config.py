@@ -187,6 +187,11 @@ def load(profile: str, *, path: str = "", person: str = "", seed: int | None = N
     return _validate(file, data | {"session_dir": session_dir}, files)
 
 
+def of_recording(file: Path, data: dict[str, Any]) -> Config:
+    """The configuration that `file` carries. Raises ConfigError as `load`."""
+    return _validate(file, data, {})
+
+
 def _find(folder: str, name: str, asked_by: str = "") -> Path:
     for candidate in (Path(name), deploy_folder() / folder / f"{name}.toml"):
         if candidate.is_file():

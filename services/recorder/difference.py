@@ -19,7 +19,9 @@ class Difference(NamedTuple):
 
     def __str__(self) -> str:
         where = f" in {self.field}" if self.field else ""
-        return f"{self.topic} {self.seq} at {self.t_s:.3f} s differs{where}: {self.recorded} was recorded, now {self.said}"
+        return (
+            f"{self.topic} {self.seq} at {self.t_s:.3f} s differs{where}: {self.recorded} was recorded, now {self.said}"
+        )
 
 
 def difference(topic: str, recorded: bytes | None, said: bytes | None, t_s: float) -> Difference:
@@ -33,6 +35,8 @@ def _first(one: Any, other: Any, where: str = "") -> tuple[str, Any, Any] | None
     """Depth first, in the order of the recorded message's fields."""
     if isinstance(one, dict) and isinstance(other, dict):
         names: dict[str, None] = dict.fromkeys([*one, *other])  # pyright: ignore[reportUnknownArgumentType]
-        parts = ((f"{where}.{name}" if where else name, one.get(name, ABSENT), other.get(name, ABSENT)) for name in names)  # pyright: ignore
+        parts = (
+            (f"{where}.{name}" if where else name, one.get(name, ABSENT), other.get(name, ABSENT)) for name in names
+        )  # pyright: ignore
         return next((found for name, a, b in parts if (found := _first(a, b, name))), None)
     return None if one == other and type(one) is type(other) else (where, one, other)

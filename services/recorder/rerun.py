@@ -162,11 +162,12 @@ class Tape:
         self._session = session
         self._rows: dict[str, list[Row]] = {}
         self._places: dict[str, dict[int, list[int]]] = {}
-        self._epoch_ns = int(session.metadata.get("clew.clock", {}).get("epoch_minus_monotonic_ns", 0))
+        epoch_ns = int(session.metadata.get("clew.clock", {}).get("epoch_minus_monotonic_ns", 0))
+        self._start_ns = session.start_ns - epoch_ns
 
     def t_s(self, monotonic_ns: int) -> float:
         """Since the session's start."""
-        return (monotonic_ns + self._epoch_ns - self._session.start_ns) * 1e-9
+        return (monotonic_ns - self._start_ns) * 1e-9
 
     def payloads(self, key: str) -> Sequence[bytes]:
         """As they were said."""

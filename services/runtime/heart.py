@@ -6,8 +6,8 @@ import time
 from collections.abc import Callable, Mapping
 
 from schemas.health import Heartbeat
-from services.runtime.turn import Turn
 from services.runtime.ticker import LoopStats
+from services.runtime.turn import Turn
 from services.runtime.virtual import VirtualLoop
 
 PERIOD_s = 0.5

@@ -60,9 +60,9 @@ class Latest(Generic[M]):
 
     @property
     def age_s(self) -> float:
-        """Of the content: now - stamp; infinite before the first message."""
+        """Of the content: now - stamp, 0 for what was said since the turn began; infinite before the first message."""
         message = self.message
-        return (self._turn.now_ns() - message.stamp_ns) * 1e-9 if message else float("inf")
+        return max(self._turn.now_ns() - message.stamp_ns, 0) * 1e-9 if message else float("inf")
 
 
 class Queue(Latest[M]):
