@@ -24,11 +24,13 @@ def demo(
     seed: Annotated[int | None, typer.Option(help="of all simulated noise")] = None,
     out: Annotated[Path, typer.Option(help="where session folders go")] = Path("sessions"),
     live: Annotated[bool, typer.Option(help="the live panel")] = True,
+    subject: cli_sessions.Subject = "",
+    condition: cli_sessions.Condition = "",
 ) -> None:
     """Fly the experiment once, simulated, from take-off to landing, and show what happened."""
     from services import demo as demonstration
 
-    raise typer.Exit(demonstration.demo(profile, path, person, seed, out, live))
+    raise typer.Exit(demonstration.demo(profile, path, person, seed, out, live, subject, condition))
 
 
 @app.command()
@@ -43,11 +45,13 @@ def run(service: str, profile: Profile = "demo") -> None:
 def up(
     profile: Annotated[str, typer.Argument(help="a name in deploy/profiles, or a file")] = "demo",
     out: Path = Path("sessions"),
+    subject: cli_sessions.Subject = "",
+    condition: cli_sessions.Condition = "",
 ) -> None:
     """Run all services of a profile until Ctrl-C."""
     from services import start
 
-    raise typer.Exit(start.up(profile, out))
+    raise typer.Exit(start.up(profile, out, subject, condition))
 
 
 @app.command()

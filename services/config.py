@@ -79,6 +79,8 @@ class Config(BaseModel):
     recorder: Recorder
     path: sections.PathTable
     person: sections.Person
+    subject: str = Field(default="", description="who walks, by the study's own code")
+    condition: str = Field(default="", description="under which of the study's conditions")
     session_dir: str = Field(default="", description="where this run keeps its files")
 
     @model_validator(mode="after")

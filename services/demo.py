@@ -31,7 +31,16 @@ class DemoFailed(RuntimeError):
     """The flight could not be begun or did not end; the text says why."""
 
 
-def demo(profile: str, path: str, person: str, seed: int | None, out: Path, live: bool) -> int:
+def demo(
+    profile: str,
+    path: str,
+    person: str,
+    seed: int | None,
+    out: Path,
+    live: bool,
+    subject: str = "",
+    condition: str = "",
+) -> int:
     """Fly, then report. Returns the exit code: 0 when the flight met its limits, 1 when not, 2 for bad configuration."""
     console = Console()
     try:
@@ -40,7 +49,8 @@ def demo(profile: str, path: str, person: str, seed: int | None, out: Path, live
     except (ConfigError, OSError) as error:
         print(error, file=sys.stderr)  # noqa: T201
         return 2
-    config = config.model_copy(update={"session_dir": str(folder.resolve())})
+    told = {"subject": subject, "condition": condition}
+    config = config.model_copy(update=told | {"session_dir": str(folder.resolve())})
     try:
         asyncio.run(fly(config, console, live=live))
     except (DemoFailed, ServiceDied, TimeoutError) as error:

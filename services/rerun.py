@@ -80,7 +80,8 @@ def _chosen(services: Sequence[str], session: Session) -> list[str]:
     """Those asked for, or all that said anything."""
     if unknown := set(services) - set(SUBJECTS):
         raise CannotRerun(f"--service {', '.join(sorted(unknown))}: must be one of {', '.join(SUBJECTS)}")
-    spoke = [name for name, subject in SUBJECTS.items() if session.logs.get(subject.turns.key)]
+    heard = session.logs_of(subject.turns.key for subject in SUBJECTS.values())
+    spoke = [name for name, subject in SUBJECTS.items() if subject.turns.key in heard]
     if not (services or spoke):
         raise CannotRerun("no service that can be run again said anything in this recording")
     return list(services) or spoke

@@ -71,14 +71,15 @@ def run_by_hand(name: str, profile: str) -> int:
     return run_service(name, config)
 
 
-def up(profile: str, out: Path) -> int:
+def up(profile: str, out: Path, subject: str = "", condition: str = "") -> int:
     """`clew up`: all services of a profile, until Ctrl-C or until one ends."""
     try:
         config = load(profile)
     except ConfigError as error:
         print(error, file=sys.stderr)  # noqa: T201
         return 2
-    config = config.model_copy(update={"session_dir": str(new_session(out).resolve())})
+    told = {"subject": subject, "condition": condition}
+    config = config.model_copy(update=told | {"session_dir": str(new_session(out).resolve())})
 
     async def stay() -> str:
         async with launch_all(config) as launched:

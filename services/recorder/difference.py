@@ -1,6 +1,6 @@
 """Where two messages part."""
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 from pydantic_core import from_json
 
@@ -26,17 +26,22 @@ class Difference(NamedTuple):
 
 def difference(topic: str, recorded: bytes | None, said: bytes | None, t_s: float) -> Difference:
     """Of two payloads that are not equal; None is a message that is not there."""
-    one, other = (from_json(payload) if payload else ABSENT for payload in (recorded, said))
-    seq = (one if recorded else other)["seq"]
+    one: dict[str, Any] = {} if recorded is None else from_json(recorded)
+    other: dict[str, Any] = {} if said is None else from_json(said)
+    seq = int((one or other).get("seq", 0))
+    if recorded is None or said is None:
+        return Difference(topic, seq, t_s, "", one or ABSENT, other or ABSENT)
     return Difference(topic, seq, t_s, *(_first(one, other) or ("", "the same values", "in other words")))
 
 
 def _first(one: Any, other: Any, where: str = "") -> tuple[str, Any, Any] | None:
     """Depth first, in the order of the recorded message's fields."""
-    if isinstance(one, dict) and isinstance(other, dict):
-        names: dict[str, None] = dict.fromkeys([*one, *other])  # pyright: ignore[reportUnknownArgumentType]
-        parts = (
-            (f"{where}.{name}" if where else name, one.get(name, ABSENT), other.get(name, ABSENT)) for name in names
-        )  # pyright: ignore
-        return next((found for name, a, b in parts if (found := _first(a, b, name))), None)
-    return None if one == other and type(one) is type(other) else (where, one, other)
+    if not (isinstance(one, dict) and isinstance(other, dict)):
+        same = one == other and type(one) is type(other)  # pyright: ignore[reportUnknownArgumentType]
+        return None if same else (where, cast("Any", one), other)
+    a, b = cast("dict[str, Any]", one), cast("dict[str, Any]", other)
+    for name in dict.fromkeys([*a, *b]):
+        found = _first(a.get(name, ABSENT), b.get(name, ABSENT), f"{where}.{name}" if where else name)
+        if found:
+            return found
+    return None

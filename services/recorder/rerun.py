@@ -9,7 +9,7 @@ import asyncio
 import time
 from collections.abc import Callable, Coroutine, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 from schemas.message import MISSED, TICK, Message
 from schemas.topics import (
@@ -20,6 +20,7 @@ from schemas.topics import (
     ROBOT_POSE,
     SAFETY_STATE,
     SETPOINT,
+    TOPICS,
     VEHICLE_STATE,
     Topic,
 )
@@ -58,13 +59,16 @@ async def _setpoints(node: RerunNode, config: Config) -> None:
     await _RecordedBridge(node, config).stream_setpoints()
 
 
-class _Nowhere(Vehicle):
-    """Where the set-points of a rerun go."""
+class _Nowhere:
+    """Where the set-points of a rerun go; the set-point loop asks nothing else of a vehicle."""
+
+    def send_setpoint(self, *_: object) -> None:
+        """Sent to nobody."""
 
 
 class _RecordedBridge(px4_bridge.Bridge):
     def __init__(self, node: RerunNode, config: Config) -> None:
-        super().__init__(node, config, _Nowhere())
+        super().__init__(node, config, cast(Vehicle, _Nowhere()))
         self._robots = node.latest(VEHICLE_STATE)
 
     def report_vehicle(self, tick: Tick) -> VehicleState:
@@ -115,7 +119,7 @@ def rerun(session: Session, name: str, config: Config) -> Outcome:
         CannotRerun: the recording has none of its messages, or is older than the headers that this needs.
     """
     subject, began = SUBJECTS[name], time.perf_counter()
-    tape = Tape(session)
+    tape = Tape(session, name)
     turns = tape.rows(subject.turns.key)
     if not turns:
         raise CannotRerun(f"{name}: nothing of {subject.turns.key} was recorded")
@@ -156,10 +160,11 @@ def _compare_others(subject: Subject, tape: "Tape", outcome: Outcome) -> None:
 
 
 class Tape:
-    """What was recorded of each topic: bytes, and the rows that they mean, parsed once."""
+    """What was recorded of what a service says and hears: bytes, and the rows that they mean, parsed once."""
 
-    def __init__(self, session: Session) -> None:
-        self._session = session
+    def __init__(self, session: Session, service: str) -> None:
+        own = [topic.key for topic in TOPICS if service == topic.publisher or service in topic.subscribers]
+        self._logs = session.logs_of(own)
         self._rows: dict[str, list[Row]] = {}
         self._places: dict[str, dict[int, list[int]]] = {}
         epoch_ns = int(session.metadata.get("clew.clock", {}).get("epoch_minus_monotonic_ns", 0))
@@ -171,8 +176,7 @@ class Tape:
 
     def payloads(self, key: str) -> Sequence[bytes]:
         """As they were said."""
-        log = self._session.logs.get(key)
-        return log.payloads if log else []
+        return self._logs[key].payloads if key in self._logs else []
 
     def rows(self, key: str) -> list[Row]:
         """The parsed messages."""

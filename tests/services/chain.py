@@ -13,6 +13,7 @@ from schemas.topics import OPERATOR, REQUEST, SAFETY_STATE, TOPICS
 from services.config import Config
 from services.px4_bridge import service as bridge
 from services.recorder import service as recorder
+from services.recorder.origin import origin
 from services.recorder.walk import CONFIG_ATTACHMENT
 from services.runtime.memory_bus import MemoryBus
 from services.runtime.node import Node
@@ -116,7 +117,7 @@ async def _fly(config: Config, script: Callable[[Stage], Awaitable[object]], rec
             bus,
             file=record,
             params=config.recorder,
-            metadata={"profile": config.system.name},
+            metadata=origin(config),
             attachments={CONFIG_ATTACHMENT: config.model_dump_json().encode()},
         )
     for name in ON_THE_BUS_ONLY:
