@@ -21,7 +21,7 @@ from services.guiding_controller import path_file
 from services.guiding_controller.path import Path as GuidedPath
 from services.parameters import NonNegative, Positive, parameters
 from services.physics import GRAVITY_MPS2
-from services.profile_file import ConfigError, deploy_folder, find, layered, read, written_in
+from services.profile_file import ConfigError, find, layered, read, written_in
 from services.px4_bridge.admittance import check as check_virtual_mass
 from services.recorder.writer import Recorder
 
@@ -69,6 +69,8 @@ class Config(BaseModel):
     recorder: Recorder
     path: sections.PathTable
     person: sections.Person
+    subject: str = Field(default="", description="who walks, by the study's own code")
+    condition: str = Field(default="", description="under which of the study's conditions")
     session_dir: str = Field(default="", description="where this run keeps its files")
 
     @model_validator(mode="after")
@@ -182,6 +184,11 @@ def load(
     if px4 and _get(data, "simulator.px4_sitl") is not None:
         _program(data, px4)
     return _validate(file, data | {"session_dir": session_dir}, files)
+
+
+def of_recording(file: Path, data: dict[str, Any]) -> Config:
+    """The configuration that `file` carries. Raises ConfigError as `load`."""
+    return _validate(file, data, {})
 
 
 def load_vehicle(name: str) -> sections.Vehicle:

@@ -26,9 +26,7 @@ class Px4NotThere(RuntimeError):
 
 
 @asynccontextmanager
-async def connected(
-    p: Px4Sitl, vehicle: Vehicle, laboratory: Px4Parameters, folder: str
-) -> AsyncGenerator[Px4Hil]:
+async def connected(p: Px4Sitl, vehicle: Vehicle, laboratory: Px4Parameters, folder: str) -> AsyncGenerator[Px4Hil]:
     """PX4 connected to our physics: started where `p.binary` names one, else waited for.
 
     Its files go to `<folder>/px4`, its words to `<folder>/logs/px4.log`. Raises Px4NotThere.

@@ -110,7 +110,9 @@ class Px4Vehicle(Vehicle, Pilot):
             await self._until(lambda: self._telemetry.heartbeats > 0)
         for name, (number, rate_Hz) in telecommand.RATES_Hz.items():
             if name in self._telemetry.messages:
-                await self._command(f"rate of {name}", telecommand.command(telecommand.SET_INTERVAL, number, 1e6 / rate_Hz))
+                await self._command(
+                    f"rate of {name}", telecommand.command(telecommand.SET_INTERVAL, number, 1e6 / rate_Hz)
+                )
         self._streaming = True
 
     @property
