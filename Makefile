@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test check bench figures lock clean
+.PHONY: demo test check bench figures golden lock clean
 
 demo: .venv/.ready
 	$(BIN)/clew demo
@@ -20,6 +20,10 @@ bench: .venv/.ready
 
 figures: .venv/.ready
 	$(BIN)/python -m benchmarks.figures
+
+# After a change of behaviour that is meant: what the virtual flight looks like from now on.
+golden: .venv/.ready
+	$(BIN)/python -m tests.services.golden
 
 .venv/.ready: requirements.lock pyproject.toml
 	$(PYTHON) -m venv .venv

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.hop import show
+from benchmarks.table import show
 from schemas.topics import HEALTH
 from services.recorder.reading import read
 

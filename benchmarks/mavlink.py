@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from benchmarks.flight import load
 from schemas.vehicle import ThrustSource
+from services.config import load_vehicle
 from services.physics import GRAVITY_MPS2
 from services.px4_bridge import telemetry
 from services.px4_bridge.vehicle import MavsdkVehicle
@@ -40,7 +40,7 @@ VEHICLE = telemetry.Vehicle(
 PARAMETERS = Autopilot(
     commander=Commander(check_period_s=0.02, loss_latency_s=0.3, proof_of_life_s=0.2),
     estimator=Estimator(bandwidth_rad_s=12.0, gate_m=0.2, rejection_s=1.5, dead_reckoning_s=4.7),
-    cascade=load("light").control,
+    cascade=load_vehicle("light").cascade,
     idle_thrust=0.1,
     landed_thrust=0.5,
     landed_after_s=1.0,

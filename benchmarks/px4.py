@@ -10,7 +10,8 @@ import os
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,8 +19,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from benchmarks import flight_demo, stability_map
-from benchmarks.hop import show
 from benchmarks.px4_rig import Rig, px4
+from benchmarks.table import show
 from services import cable
 from services.cable import Cable
 from services.config import Config, load
@@ -74,13 +75,13 @@ class Push(NamedTuple):
 
 def push(vehicle: str, *, feed_forward: bool = True) -> Push:
     """A sudden side pull on a vehicle that hovers with the filter engaged, as a hand on the cable would."""
-    with _rig(vehicle) as rig:
+    with rig_of(vehicle) as rig:
         hover = np.array([0.0, 0.0, 1.5])
         rig.take_off(hover)
         command = admittance.ease(hover, rig.filter)
         rig.estimating = 1.0 if feed_forward else 0.0
         side = np.array([0.0, PUSH_N, 0.0])
-        away = []
+        away = list[float]()
         for _ in range(round(PUSH_S / STEP_S)):
             rig.tick(command, lambda _state: side)
             away.append(float(norm(rig.state.p_W - rig.reference.p)))
@@ -89,7 +90,7 @@ def push(vehicle: str, *, feed_forward: bool = True) -> Push:
 
 def cell(vehicle: str, M_A_kg: float, k_c: float, seconds: float = 16.0) -> Array:
     """Tension in N of the last half, one per 4 ms: the hand fixed, the cable at 56°, as in stability_map."""
-    with _rig(vehicle, M_A_kg) as rig:
+    with rig_of(vehicle, M_A_kg) as rig:
         wanted, line = stability_map.WANTED_N, Cable(rest_length_m=1.0, k_c_N_per_m=k_c, d_c_Ns_per_m=1.0)
         hand = np.array([0.0, 0.0, 1.0])
         start = hand + stability_map.ALONG * (1.0 + np.linalg.norm(wanted) / k_c)
@@ -103,33 +104,21 @@ def cell(vehicle: str, M_A_kg: float, k_c: float, seconds: float = 16.0) -> Arra
         for n in range(round(HANDOVER_S / STEP_S)):  # calm, as the simulated map begins: from the hover into the cable
             share = n * STEP_S / HANDOVER_S
             rig.tick(admittance.guide(start, share * wanted, 1.0, soft), lambda state, share=share: share * pull(state))
-        tension = []
+        tension = list[float]()
         for _ in range(round(seconds / STEP_S)):
             rig.tick(command, pull)
             tension.append(float(norm(pull(rig.state))))
         return np.array(tension[len(tension) // 2 :])
 
 
-def _rig(vehicle: str, M_A_kg: float | None = None) -> "_Rigged":
-    return _Rigged(vehicle, M_A_kg)
-
-
-class _Rigged:
-    """A rig with its own PX4, for a `with`."""
-
-    def __init__(self, vehicle: str, M_A_kg: float | None) -> None:
-        self._config, self._M_A_kg = config_of(vehicle), M_A_kg
-        self._folder = tempfile.TemporaryDirectory()
-        self._px4 = px4(self._config, Path(self._folder.name))
-
-    def __enter__(self) -> Rig:
-        self._rig = Rig(self._config, self._px4.__enter__(), self._M_A_kg or self._config.vehicle.quadrotor.mass_kg)
-        return self._rig
-
-    def __exit__(self, *what: Any) -> None:
-        self._rig.vehicle.close()
-        self._px4.__exit__(None, None, None)
-        self._folder.cleanup()
+@contextmanager
+def rig_of(vehicle: str, M_A_kg: float = 0.0) -> Generator[Rig]:
+    """A rig with a PX4 of its own; the virtual mass is the vehicle's where none is given."""
+    config = config_of(vehicle)
+    with tempfile.TemporaryDirectory() as folder, px4(config, Path(folder)) as hil:
+        rig = Rig(config, hil, M_A_kg or config.vehicle.quadrotor.mass_kg)
+        with closing(rig.vehicle):
+            yield rig
 
 
 def config_of(vehicle: str) -> Config:
@@ -141,7 +130,7 @@ def config_of(vehicle: str) -> Config:
 
 
 def pushes() -> list[tuple[str, ...]]:
-    rows = []
+    rows = list[tuple[str, ...]]()
     for vehicle in ("light", "medium"):
         fed, not_fed = push(vehicle), push(vehicle, feed_forward=False)
         numbers = (fed.peak_m, fed.end_m, not_fed.peak_m)
@@ -150,7 +139,7 @@ def pushes() -> list[tuple[str, ...]]:
 
 
 def the_map() -> list[tuple[str, ...]]:
-    rows = []
+    rows = list[tuple[str, ...]]()
     for vehicle, M_A_kg, k_c in CELLS:
         real = float(cell(vehicle, M_A_kg, k_c).std())
         simulated = float(stability_map.run(vehicle, M_A_kg=[M_A_kg], k_c_N_per_m=[k_c], seconds=16.0).std_N[0, 0])

@@ -18,17 +18,17 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from benchmarks.flight import TICK_S, Flight, Latency, Vehicle, load
 from services import cable
 from services.cable import Cable
-from services.force_estimator import observer
+from services.config import load_vehicle
 from services.force_estimator.observer import Observer
 from services.physics import norm
 from services.px4_bridge import admittance
 from services.px4_bridge.admittance import Admittance
-from services.simulator import imu, quadrotor
-from services.simulator.cascade import Setpoint
+from services.simulator import tethered
+from services.simulator.flight import SUBSTEPS, TICK_S, Latency, Vehicle
 from services.simulator.quadrotor import QuadrotorState
+from services.simulator.tethered import Robot
 
 Array = NDArray[np.float64]
 
@@ -70,32 +70,30 @@ class Result(NamedTuple):
 
 
 class Loop:
-    """Observer, admittance filter and set-point round a flying batch, as the bridge wires them; `tick` advances 4 ms."""
+    """A batch of robots under a wish for WANTED_N, and their sensors' noise; `tick` advances 4 ms."""
 
-    def __init__(
-        self, vehicle: Vehicle, M_A_kg: Array, p_R: Array, bandwidth_Hz: float, latency: Latency | None
-    ) -> None:
-        self.vehicle = vehicle
+    def __init__(self, vehicle: Vehicle, M_A_kg: Array, p_R: Array, bandwidth_Hz: float, latency: Latency) -> None:
         # Laws broadcast over parameters as well: a scalar of the law may be an array (...) of the batch.
-        self.filter = Admittance(M_A_kg=cast(float, M_A_kg), **FILTER)
-        self.observer = Observer(m_R_kg=vehicle.body.mass_kg, bandwidth_Hz=bandwidth_Hz)
-        self.flight = Flight(vehicle, p_R, latency)
-        self.reference = admittance.engage(p_R)
-        self.seen = observer.State(np.broadcast_to(-WANTED_N, p_R.shape))
-        self.command = admittance.guide(p_R, np.broadcast_to(WANTED_N, p_R.shape), 1.0, self.filter)
-        self.heading = np.zeros(len(p_R))
+        self.p = Robot(
+            vehicle,
+            Admittance(M_A_kg=cast(float, M_A_kg), **FILTER),
+            Observer(m_R_kg=vehicle.quadrotor.mass_kg, bandwidth_Hz=bandwidth_Hz),
+            latency,
+        )
+        self.state = tethered.hovering(p_R, WANTED_N, self.p)
+        self.command = admittance.guide(p_R, np.broadcast_to(WANTED_N, p_R.shape), 1.0, self.p.filter)
         self.random = np.random.default_rng(1)
 
+    @property
+    def robot(self) -> QuadrotorState:
+        return self.state.flight.robot
+
     def tick(self, force: Callable[[QuadrotorState], Array]) -> None:
-        """One IMU sample through observer and filter, then the flight under `force` on the vehicle in N."""
-        state, body = self.flight.state, self.vehicle.body
-        felt = quadrotor.specific_force_B(state, force(state), body)
-        a_B = imu.accelerometer(felt, self.random.standard_normal(felt.shape), TICK_S, self.vehicle.imu)
-        thrust = state.rotor_thrust_N.sum(-1)
-        self.seen, f_c = observer.step(self.seen, a_B, state.q_WB_wxyz, thrust, TICK_S, self.observer)
-        self.reference, _ = admittance.step(self.reference, f_c, self.command, False, TICK_S, math.inf, self.filter)
-        a_sp = self.reference.a + f_c / body.mass_kg
-        self.flight.tick(Setpoint(self.reference.p, self.reference.v, a_sp, self.heading), force)
+        """One round of control, then the physics under `force` on the vehicle in N."""
+        normal = self.random.standard_normal(self.robot.p_W.shape)
+        self.state = tethered.tick(self.state, force(self.robot), self.command, False, normal, self.p)
+        for _ in range(SUBSTEPS):
+            self.state = tethered.move(self.state, force(self.robot), self.p)
 
 
 def run(
@@ -112,7 +110,7 @@ def run(
     M_A, k_c = (x.ravel() for x in np.meshgrid(masses, k_c_N_per_m, indexing="ij"))
     line = Cable(rest_length_m=1.0, k_c_N_per_m=cast(float, k_c), d_c_Ns_per_m=1.0)
     start = HAND + ALONG * (1.0 + np.linalg.norm(WANTED_N) / k_c[:, None])
-    loop = Loop(load(vehicle), M_A, start, bandwidth_Hz, latency)
+    loop = Loop(load_vehicle(vehicle), M_A, start, bandwidth_Hz, latency or Latency())
 
     def pull(state: QuadrotorState) -> Array:
         return -cable.force(state.p_W, HAND, state.v_W, np.zeros(3), line)
@@ -120,7 +118,7 @@ def run(
     tension = np.zeros((round(seconds / TICK_S), len(M_A)))
     for row in tension:
         loop.tick(pull)
-        row[:] = norm(pull(loop.flight.state))
+        row[:] = norm(pull(loop.robot))
     last = tension[len(tension) // 2 :]
     grid = (len(masses), len(k_c_N_per_m))
     std, high, low = (x.reshape(grid) for x in (last.std(0), last.max(0), last.min(0)))
@@ -147,7 +145,7 @@ def port(
     """Measure Y(jω): no cable, a sinusoidal force in its place, and the velocity fitted at the same frequency."""
     masses, tones = np.array(M_A_kg or MASSES[vehicle]), np.array(frequency_Hz)
     M_A, f = (x.ravel() for x in np.meshgrid(masses, tones, indexing="ij"))
-    loop = Loop(load(vehicle), M_A, np.broadcast_to(HAND + ALONG, (len(f), 3)), 10.0, None)
+    loop = Loop(load_vehicle(vehicle), M_A, np.broadcast_to(HAND + ALONG, (len(f), 3)), 10.0, Latency())
     ticks, settling = round(seconds / TICK_S), round(0.4 * seconds / TICK_S)
     velocity = np.zeros((ticks, len(f)))
     t = TICK_S * np.arange(ticks, dtype=np.float64)
@@ -155,7 +153,7 @@ def port(
         push = amplitude_N * np.cos(math.tau * f * t[i])
         force = -WANTED_N + push[:, None] * ALONG
         loop.tick(lambda _, force=force: force)
-        velocity[i] = loop.flight.state.v_W @ ALONG
+        velocity[i] = loop.robot.v_W @ ALONG
     Y = [_fit(velocity[settling:, k], t[settling:] + TICK_S / 2, tone) / amplitude_N for k, tone in enumerate(f)]
     return Port(vehicle, masses, tones, np.array(Y).reshape(len(masses), len(tones)))
 
@@ -199,7 +197,7 @@ def _draw_map(axes: Any, result: Result) -> None:
     axes.imshow(
         np.log10(np.maximum(result.std_N, 1e-2)), cmap="RdYlGn_r", vmin=-1.7, vmax=0.7, aspect="auto", alpha=0.6
     )
-    mass = load(result.vehicle).body.mass_kg
+    mass = load_vehicle(result.vehicle).quadrotor.mass_kg
     axes.set(title=f"{mass:g} kg: tension std in N (real PX4)", xlabel="k_c in N/m", ylabel="M_A in kg")
     axes.set_xticks(range(len(result.k_c_N_per_m)), [f"{k:g}" for k in result.k_c_N_per_m])
     axes.set_yticks(range(len(result.M_A_kg)), [f"{m:g}" for m in result.M_A_kg])

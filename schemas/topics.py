@@ -11,6 +11,7 @@ from schemas.estimation import CableForce
 from schemas.guidance import GuidanceCommand
 from schemas.health import Heartbeat
 from schemas.message import Message
+from schemas.note import OperatorNote
 from schemas.safety import OperatorReply, OperatorRequest, SafetyState
 from schemas.simulation import Truth
 from schemas.tracking import HandleState, MocapFrame, RobotPose
@@ -72,6 +73,7 @@ SAFETY_STATE    = Topic("safety/state",      SafetyState,     "safety_supervisor
 SETPOINT        = Topic("setpoint/sent",     Setpoint,        "px4_bridge",         ("safety_supervisor",),        125.0, _S, True, "what the autopilot was told")
 REQUEST         = Topic("@cmd/request",      OperatorRequest, OPERATOR,             ("safety_supervisor",),          0.0, _C, True, "a person's command")
 REPLY           = Topic("safety/reply",      OperatorReply,   "safety_supervisor",  (OPERATOR,),                     0.0, _T, True, "the answer to it")
+NOTE            = Topic("operator/note",     OperatorNote,    OPERATOR,             (),                              0.0, _T, True, "a person's remark, for the recording")
 TRUTH           = Topic("sim/truth",         Truth,           "simulator",          (),                            100.0, _B, True, "the simulated world as it is")
 HEALTH          = {name: Topic(f"health/{name}", Heartbeat,   name,                 (OPERATOR,),                     2.0, _B, True, f"the word of {name} about itself") for name in SERVICES}
 # fmt: on
@@ -88,6 +90,7 @@ TOPICS: tuple[Topic[Message], ...] = (
     SETPOINT,
     REQUEST,
     REPLY,
+    NOTE,
     TRUTH,
     *HEALTH.values(),
 )

@@ -5,9 +5,13 @@ from typing import Annotated
 
 import typer
 
+from services import cli_sessions
+
 app = typer.Typer(
     no_args_is_help=True, add_completion=False, help="Clew guides a person by the hand with a tethered drone."
 )
+
+app.add_typer(cli_sessions.app)
 
 Profile = Annotated[str, typer.Option(help="a name in deploy/profiles, or a file")]
 Px4 = Annotated[str, typer.Option(help="PX4's program for a profile that simulates with it", envvar="PX4_BIN")]
@@ -22,11 +26,17 @@ def demo(
     out: Annotated[Path, typer.Option(help="where session folders go")] = Path("sessions"),
     live: Annotated[bool, typer.Option(help="the live panel")] = True,
     px4: Px4 = "",
+    subject: cli_sessions.Subject = "",
+    condition: cli_sessions.Condition = "",
 ) -> None:
     """Fly the experiment once, simulated, from take-off to landing, and show what happened."""
     from services import demo as demonstration
+    from services import start
 
-    raise typer.Exit(demonstration.demo(profile, path, person, seed, out, live, px4))
+    choice = start.Choice(
+        profile=profile, path=path, person=person, seed=seed, px4=px4, subject=subject, condition=condition, out=out
+    )
+    raise typer.Exit(demonstration.demo(choice, live))
 
 
 @app.command()
@@ -42,11 +52,13 @@ def up(
     profile: Annotated[str, typer.Argument(help="a name in deploy/profiles, or a file")] = "demo",
     out: Path = Path("sessions"),
     px4: Px4 = "",
+    subject: cli_sessions.Subject = "",
+    condition: cli_sessions.Condition = "",
 ) -> None:
     """Run all services of a profile until Ctrl-C."""
     from services import start
 
-    raise typer.Exit(start.up(profile, out, px4))
+    raise typer.Exit(start.up(start.Choice(profile=profile, px4=px4, subject=subject, condition=condition, out=out)))
 
 
 @app.command()

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Self, cast
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
 
 from schemas.topics import SERVICES
 from services import sections
@@ -22,7 +22,6 @@ from services.guiding_controller.path import Path as GuidedPath
 from services.parameters import NonNegative, Positive, parameters
 from services.physics import GRAVITY_MPS2
 from services.profile_file import ConfigError, find, layered, read, written_in
-from services.profile_file import deploy_folder as deploy_folder
 from services.px4_bridge.admittance import check as check_virtual_mass
 from services.recorder.writer import Recorder
 
@@ -70,6 +69,8 @@ class Config(BaseModel):
     recorder: Recorder
     path: sections.PathTable
     person: sections.Person
+    subject: str = Field(default="", description="who walks, by the study's own code")
+    condition: str = Field(default="", description="under which of the study's conditions")
     session_dir: str = Field(default="", description="where this run keeps its files")
 
     @model_validator(mode="after")
@@ -183,6 +184,20 @@ def load(
     if px4 and _get(data, "simulator.px4_sitl") is not None:
         _program(data, px4)
     return _validate(file, data | {"session_dir": session_dir}, files)
+
+
+def of_recording(file: Path, data: dict[str, Any]) -> Config:
+    """The configuration that `file` carries. Raises ConfigError as `load`."""
+    return _validate(file, data, {})
+
+
+def load_vehicle(name: str) -> sections.Vehicle:
+    """A vehicle alone, from its name in deploy/vehicles or its file. Raises ConfigError like `load`."""
+    file = find("vehicles", name)
+    try:
+        return TypeAdapter(sections.Vehicle).validate_python(read(file))
+    except ValidationError as error:
+        raise ConfigError("\n".join(_lines(error, file, {}))) from None
 
 
 def _program(data: dict[str, Any], px4: str) -> None:

@@ -15,27 +15,18 @@ from services.safety_supervisor.distances import Envelope
 from services.safety_supervisor.held import Held
 from services.safety_supervisor.phases import Times
 from services.safety_supervisor.rules import Limits as SafetyLimits
+from services.simulator import flight
 from services.simulator.autopilot import Autopilot
-from services.simulator.cascade import Cascade
 from services.simulator.handle import Handle
 from services.simulator.human import Event, Human
-from services.simulator.imu import Imu, Mocap
+from services.simulator.imu import Mocap
 from services.simulator.px4_sitl import Px4Sitl
-from services.simulator.quadrotor import Quadrotor
 from services.simulator.subject import Subject
 from services.tracker.filtering import Filter
 
 GuidingController = Guiding
+Vehicle = flight.Vehicle
 PathTable = dict[str, Any]  # checked by guiding_controller/path_file.py
-
-
-@parameters
-class Vehicle:
-    """deploy/vehicles/*.toml: the body, the autopilot's control gains, the inertial sensor."""
-
-    quadrotor: Quadrotor
-    cascade: Cascade
-    imu: Imu
 
 
 @parameters

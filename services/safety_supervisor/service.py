@@ -21,7 +21,7 @@ from schemas.tracking import HandleSource
 from schemas.vehicle import FlightMode
 from services.config import Config
 from services.physics import Array, norm
-from services.runtime.node import Node, used
+from services.runtime.node import Node, Tick, used
 from services.runtime.readers import Latest
 from services.safety_supervisor import distances, held, phases, rules
 from services.safety_supervisor.plan import plan
@@ -39,9 +39,9 @@ class Senses:
         self.setpoint = node.latest(SETPOINT)
         self.requests = node.queue(REQUEST)
 
-    def inputs(self) -> dict[str, int]:
+    def inputs(self, tick: Tick) -> dict[str, int]:
         """What a verdict was made of."""
-        return used(self.handle, self.vehicle, self.force, self.guidance, self.setpoint, self.requests)
+        return used(self.handle, self.vehicle, self.force, self.guidance, self.setpoint, self.requests, tick=tick)
 
 
 class Person(NamedTuple):
@@ -74,7 +74,7 @@ async def run(node: Node, config: Config) -> None:
         node.status = f"{state.phase} {state.why}".strip()
         out.publish(
             SafetyState(
-                inputs=senses.inputs(),
+                inputs=senses.inputs(tick),
                 phase=state.phase,
                 level=max(seen.level, state.operator_level),
                 permit=decision.permit,

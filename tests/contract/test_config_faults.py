@@ -12,7 +12,8 @@ import pytest
 from typer.testing import CliRunner
 
 from services.cli import app
-from services.config import DERIVED, ConfigError, deploy_folder, load
+from services.config import DERIVED, ConfigError, load
+from services.profile_file import deploy_folder
 
 KINDS = {"profiles": "demo", "vehicles": "light", "people": "lets_go"}
 FILES = {

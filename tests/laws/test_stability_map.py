@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from benchmarks import stability_map
-from benchmarks.flight import load
 from benchmarks.stability_map import MEASURED, STIFFNESS
+from services.config import load_vehicle
 
 SECONDS = 12.0  # long enough for the start to be forgotten, or for a limit cycle to grow
 CALM_N, LIMIT_CYCLE_N = 0.35, 1.0
@@ -23,7 +23,7 @@ def light():
 
 def test_every_cell_that_flight_allows_is_calm(medium, light):
     for result in (medium, light):
-        allowed = result.M_A_kg >= 0.9 * load(result.vehicle).body.mass_kg - 1e-9
+        allowed = result.M_A_kg >= 0.9 * load_vehicle(result.vehicle).quadrotor.mass_kg - 1e-9
         assert allowed.any()
         assert result.std_N[allowed].max() < CALM_N
         assert result.min_N[allowed].min() > 0.0

@@ -3,14 +3,18 @@
 import asyncio
 import importlib
 from collections import defaultdict
-from collections.abc import Awaitable, Callable, Coroutine, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Coroutine, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from pathlib import Path
+from typing import Any, TypeAlias
 
 from schemas.safety import Action, OperatorRequest, Phase, SafetyState
 from schemas.topics import OPERATOR, REQUEST, SAFETY_STATE, TOPICS
 from services.config import Config
 from services.px4_bridge import service as bridge
+from services.recorder import service as recorder
+from services.recorder.origin import origin
+from services.recorder.walk import CONFIG_ATTACHMENT
 from services.runtime.memory_bus import MemoryBus
 from services.runtime.node import Node
 from services.runtime.virtual import VirtualClock, run_virtual
@@ -18,6 +22,7 @@ from services.simulator import service as simulator
 from tests.services.direct_vehicle import DirectVehicle
 
 MAVLINK_DELAY_S = 0.003
+Runs: TypeAlias = dict[str, Coroutine[Any, Any, None]]
 ON_THE_BUS_ONLY = ("tracker", "force_estimator", "guiding_controller", "safety_supervisor")
 
 
@@ -73,19 +78,34 @@ class Stage:
         raise AssertionError
 
 
-def fly(config: Config, script: Callable[[Stage], Awaitable[object]], limit_s: float = 200.0) -> Flight:
-    """Start every service, run `script` (a coroutine function), stop; what was said meanwhile."""
+def fly(
+    config: Config, script: Callable[[Stage], Awaitable[object]], limit_s: float = 200.0, record: Path | None = None
+) -> Flight:
+    """Start every service, run `script` (a coroutine function), stop; what was said meanwhile, also in a recording."""
 
     async def flight() -> Flight:
         clock, bus = VirtualClock(), MemoryBus()
         vehicle = DirectVehicle(config.px4_bridge.vehicle, clock.now_ns, MAVLINK_DELAY_S)
-        runs = {
+        runs: Runs = {
             "simulator": simulator.play(Node("simulator", bus, clock), config, vehicle),
             "px4_bridge": bridge.fly(Node("px4_bridge", bus, clock), config, vehicle),
         }
+        if record:
+            runs["recorder"] = _recorder(Node("recorder", bus, clock), config, record)
         return await perform(config, script, bus, clock, vehicle, runs)
 
     return run_virtual(flight(), limit_s=limit_s)
+
+
+def _recorder(node: Node, config: Config, file: Path) -> Coroutine[Any, Any, None]:
+    return recorder.record(
+        node,
+        node.bus,
+        file=file,
+        params=config.recorder,
+        metadata=origin(config),
+        attachments={CONFIG_ATTACHMENT: config.model_dump_json().encode()},
+    )
 
 
 async def whole(stage: Stage) -> None:
@@ -109,7 +129,7 @@ async def perform(
     bus: MemoryBus,
     clock: VirtualClock,
     vehicle: Any,
-    runs: Mapping[str, Coroutine[Any, Any, None]],
+    runs: Runs,
     others: Sequence[str] = ON_THE_BUS_ONLY,
 ) -> Flight:
     """The other services beside those in `runs`, while the script lasts."""

@@ -19,7 +19,7 @@ from services.simulator import px4_process
 from services.simulator import service as simulator
 from services.simulator.px4_hil import Px4Hil
 from services.simulator.stage import Stage as World
-from tests.services.chain import ON_THE_BUS_ONLY, Flight, Stage, perform
+from tests.services.chain import ON_THE_BUS_ONLY, Flight, Runs, Stage, perform
 from tests.services.px4_vehicle import Px4Vehicle
 
 PX4_BIN = os.environ.get("PX4_BIN", "")
@@ -70,7 +70,7 @@ async def _flight(config: Config, script: Script, hil: Px4Hil) -> Flight:
         await vehicle.ready()
         await bridge.fly(Node("px4_bridge", bus, clock), config, vehicle)
 
-    runs = {
+    runs: Runs = {
         "simulator": simulator.act(Node("simulator", bus, clock), World(config, lambda _: vehicle)),
         "px4_bridge": bridging(),
     }

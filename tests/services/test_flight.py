@@ -12,13 +12,13 @@ from schemas.tracking import HandleSource, MocapFrame
 from services.config import load
 from services.recorder import metrics
 from services.simulator.human import Event, Kind
-from tests.services.chain import Flight, Stage, fly, until_guiding, whole
+from tests.services.chain import Flight, Stage, fly, until_guiding
 from tests.services.quick import quick_config
 
 
 @pytest.fixture(scope="module")
-def flight() -> Flight:
-    return fly(load("demo"), whole)
+def flight(flown) -> Flight:
+    return flown[0]
 
 
 def vectors(messages, name):

@@ -193,7 +193,7 @@ def test_a_recording_cut_off_anywhere_gives_back_its_whole_chunks(tmp_path_facto
     file = tmp_path_factory.mktemp("cut") / "a.mcap"
     file.write_bytes(whole[:at])
     if at < 8:
-        with pytest.raises(ValueError, match="not an MCAP file"):
+        with pytest.raises(ValueError, match=r"not an MCAP file|is empty"):
             read(file)
         return
     session = read(file)

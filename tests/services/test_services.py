@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from schemas.estimation import Tare
+from schemas.message import TICK
 from schemas.safety import Action, OperatorRequest, Permit, Phase
 from schemas.topics import (
     CABLE_FORCE,
@@ -192,7 +193,7 @@ def test_a_hand_that_walks_takes_the_guidance_along():
     assert np.all(np.diff([m.s for m in led]) >= 0.0)
     assert led[-1].s == pytest.approx(0.2 + 0.05, abs=0.005)
     assert led[-1].scale == pytest.approx(1.0 / CONFIG.guiding_controller.ramp_s, abs=0.05)
-    assert set(led[-1].inputs) == {HANDLE_STATE.key, VEHICLE_STATE.key, SAFETY_STATE.key}
+    assert set(led[-1].inputs) == {HANDLE_STATE.key, VEHICLE_STATE.key, SAFETY_STATE.key, TICK}
     assert led[-1].f_d_N.array() == pytest.approx(1.5 * path.t_hat(led[-1].s) + [0, 0, 1.0], abs=0.01)
     assert rate_Hz(commands) == pytest.approx(GUIDANCE.rate_Hz, rel=0.02)
 
@@ -281,7 +282,7 @@ def test_a_verdict_names_what_it_was_made_of():
     said = asked(READY_FEEDS | {SETPOINT: lambda _: setpoint()}, Action.START)
     heard = {HANDLE_STATE, VEHICLE_STATE, CABLE_FORCE, SETPOINT, REQUEST}
     last = said[SAFETY_STATE.key][-1]
-    assert set(last.inputs) == {topic.key for topic in heard}
+    assert set(last.inputs) == {topic.key for topic in heard} | {TICK}
     for topic in heard:
         seqs = {m.seq: m.stamp_ns for m in said[topic.key]}
         age_s = (last.stamp_ns - seqs[last.inputs[topic.key]]) * 1e-9

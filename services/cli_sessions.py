@@ -1,0 +1,66 @@
+"""`clew ...` for what has been recorded: every command is one function elsewhere."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+app = typer.Typer()
+
+File = Annotated[Path, typer.Argument(help="a recording, or a session's folder")]
+
+
+Profile = Annotated[str, typer.Option(help="a name in deploy/profiles, or a file")]
+
+
+Subject = Annotated[str, typer.Option(help="who walks, by the study's own code; kept in the recording")]
+Condition = Annotated[str, typer.Option(help="the study's condition; kept in the recording")]
+
+
+@app.command()
+def check(file: File) -> None:
+    """Is a recording complete, and why not."""
+    from services import sessions
+
+    raise typer.Exit(sessions.check(file))
+
+
+@app.command()
+def recover(
+    file: File, out: Annotated[Path | None, typer.Option(help="where to write what could be saved")] = None
+) -> None:
+    """Save what a power cut or a kill left of a recording."""
+    from services import sessions
+
+    raise typer.Exit(sessions.save(file, out))
+
+
+@app.command()
+def sessions(folder: Annotated[Path, typer.Argument(help="where session folders are")] = Path("sessions")) -> None:
+    """What has been recorded, a line for each session."""
+    from services import sessions
+
+    raise typer.Exit(sessions.overview(folder))
+
+
+@app.command()
+def note(text: str, profile: Profile = "demo") -> None:
+    """Write a remark into the recording that runs."""
+    from services import sessions
+
+    raise typer.Exit(sessions.note(text, profile))
+
+
+@app.command()
+def rerun(
+    file: File,
+    service: Annotated[list[str] | None, typer.Option(help="only this one; may be repeated")] = None,
+    set_: Annotated[
+        list[str] | None, typer.Option("--set", help="key=value of the configuration: a what-if; may be repeated")
+    ] = None,
+    figure: Annotated[Path | None, typer.Option(help="where to draw what differs")] = None,
+) -> None:
+    """Run services again on what they heard: the same bytes, or the first message that differs."""
+    from services import rerun
+
+    raise typer.Exit(rerun.command(file, service or [], set_ or [], figure))
