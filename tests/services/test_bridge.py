@@ -55,8 +55,14 @@ HANGING = np.array([0.0, 0.0, CONFIG.px4_bridge.flight.handle_weight_N])
 class Flown:
     """The bridge on the stand-in autopilot, and the supervisor's and estimator's words as a test wants them."""
 
-    def __init__(self, safety: Feed, seconds: float, forces: Feed = lambda _: force(HANGING)) -> None:
-        self._seconds = seconds
+    def __init__(
+        self,
+        safety: Feed,
+        seconds: float,
+        forces: Feed = lambda _: force(HANGING),
+        cut_s: tuple[float, float] | None = None,
+    ) -> None:
+        self._seconds, self._cut_s = seconds, cut_s
         self.cancelled_at_s = np.inf
         self.after_cancel = 0
         self.said = alone(self._bridge, {SAFETY_STATE: safety, CABLE_FORCE: forces}, self._script)
@@ -70,7 +76,7 @@ class Flown:
         world = asyncio.create_task(simulator.play(stage.node("simulator"), CONFIG, self.vehicle))
         poses = asyncio.create_task(stage.repeat(ROBOT_POSE, lambda _: self._seen(stage)))
         try:
-            await asyncio.sleep(self._seconds)
+            await self._wait()
             assert stage.task
             stage.task.cancel()
             sent = len(self.vehicle.setpoints)
@@ -79,6 +85,15 @@ class Flown:
         finally:
             world.cancel()
             poses.cancel()
+
+    async def _wait(self) -> None:
+        """The connection may be cut for a while."""
+        begin_s, end_s = self._cut_s or (self._seconds, self._seconds)
+        await asyncio.sleep(begin_s)
+        self.vehicle.cut = begin_s < end_s
+        await asyncio.sleep(end_s - begin_s)
+        self.vehicle.cut = False
+        await asyncio.sleep(self._seconds - end_s)
 
     @staticmethod
     def _seen(stage: Alone):
@@ -191,6 +206,16 @@ def test_a_force_names_itself_in_the_set_point_it_went_into(forsaken):
     for m in complying:
         assert m.age_s == pytest.approx((m.stamp_ns - seqs[m.inputs[CABLE_FORCE.key]]) * 1e-9, abs=1e-6)
         assert m.age_s < 0.02
+
+
+def test_an_autopilot_that_left_offboard_is_not_flown_again_when_it_shows_offboard():
+    """After a failsafe's landing PX4 disarms and shows the mode that was asked for, with a heartbeat that is a second old."""
+    flown = Flown(lambda t: take_off(t) if t < 6.0 else verdict(Phase.HOLD, Permit.EASE), 18.0, cut_s=(6.0, 7.5))
+    modes = [m.mode for m in since(flown.said, VEHICLE_STATE, 6.0)]
+    assert FlightMode.LAND in modes
+    assert modes[-1] is FlightMode.OFFBOARD
+    assert not flown.said[VEHICLE_STATE.key][-1].armed
+    assert not [m for m in since(flown.said, SETPOINT, 8.0)]
 
 
 # simulator
