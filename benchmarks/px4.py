@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from benchmarks import flight_demo, stability_map
+from benchmarks import flight_demo, px4_age, stability_map
 from benchmarks.px4_rig import Rig, px4
 from benchmarks.table import show
 from services import cable
@@ -158,7 +158,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--real-time", type=int, default=1)
-    parser.add_argument("--only", choices=("flights", "push", "map", "real-time"))
+    parser.add_argument("--only", choices=("flights", "push", "map", "age", "real-time"))
     told = parser.parse_args()
     if not px4_chain.PX4_BIN:
         print("bench-px4: skipped: PX4_BIN is not set")
@@ -167,6 +167,7 @@ def main() -> int:
         "flights": ("The experiment on PX4", lambda: show(flights(range(1, told.seeds + 1)), COLUMNS)),
         "push": ("A side pull in hover, from the reference", lambda: show(pushes(), PUSH_COLUMNS)),
         "map": ("The map of G5", lambda: show(the_map(), MAP_COLUMNS)),
+        "age": ("How old a set-point is when PX4 shows it", lambda: show(px4_age.run(), px4_age.COLUMNS)),
         "real-time": ("In real time", lambda: real_time(told.real_time)),
     }
     for name, (title, measure) in parts.items():

@@ -40,11 +40,11 @@ def demo(
 
 
 @app.command()
-def run(service: str, profile: Profile = "demo") -> None:
+def run(service: str, profile: Profile = "demo", px4: Px4 = "") -> None:
     """Run one service in the foreground."""
     from services import start
 
-    raise typer.Exit(start.run_by_hand(service, profile))
+    raise typer.Exit(start.run_by_hand(service, profile, px4))
 
 
 @app.command()
@@ -59,6 +59,17 @@ def up(
     from services import start
 
     raise typer.Exit(start.up(start.Choice(profile=profile, px4=px4, subject=subject, condition=condition, out=out)))
+
+
+@app.command()
+def preflight(
+    profile: Profile = "demo",
+    fix: Annotated[bool, typer.Option("--fix", help="set the autopilot's parameters as the profile has them")] = False,
+) -> None:
+    """What stands against a flight, in the order in which to mend it; the system must not run meanwhile."""
+    from services import preflight as checks
+
+    raise typer.Exit(checks.preflight(profile, fix))
 
 
 @app.command()
