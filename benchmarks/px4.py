@@ -27,12 +27,15 @@ from services.config import Config, load
 from services.physics import Array, norm
 from services.px4_bridge import admittance
 from services.recorder import reading, summary
+from services.simulator import tethered
 from services.simulator.autopilot import STEP_S
+from services.simulator.flight import SUBSTEPS
 from services.simulator.quadrotor import QuadrotorState
+from services.simulator.tethered import Robot
 from tests.services import px4_chain
 
 COLUMNS = (*flight_demo.COLUMNS, "times real time")
-PUSH_COLUMNS = ("vehicle", "push N", "peak cm", "after 3 s cm", "without feed-forward cm")
+PUSH_COLUMNS = ("vehicle", "push N", "peak cm", "after 3 s cm", "simulated: peak cm")
 MAP_COLUMNS = ("vehicle", "M_A kg", "k_c N/m", "PX4: tension std N", "simulated", "verdicts")
 CELLS = (  # at least two on each side of the border, on both vehicles
     ("medium", 0.8, 50.0),
@@ -46,6 +49,7 @@ CELLS = (  # at least two on each side of the border, on both vehicles
 )
 CALM_N = 0.35
 PUSH_N, PUSH_S = 1.5, 3.0
+SIDE_N = np.array([0.0, PUSH_N, 0.0])
 HANDOVER_S = 2.0
 
 
@@ -73,19 +77,34 @@ class Push(NamedTuple):
     end_m: float
 
 
-def push(vehicle: str, *, feed_forward: bool = True) -> Push:
+def push(vehicle: str) -> Push:
     """A sudden side pull on a vehicle that hovers with the filter engaged, as a hand on the cable would."""
     with rig_of(vehicle) as rig:
         hover = np.array([0.0, 0.0, 1.5])
         rig.take_off(hover)
         command = admittance.ease(hover, rig.filter)
-        rig.estimating = 1.0 if feed_forward else 0.0
-        side = np.array([0.0, PUSH_N, 0.0])
         away = list[float]()
         for _ in range(round(PUSH_S / STEP_S)):
-            rig.tick(command, lambda _state: side)
+            rig.tick(command, lambda _state: SIDE_N)
             away.append(float(norm(rig.state.p_W - rig.reference.p)))
         return Push(max(away), away[-1])
+
+
+def simulated_push(vehicle: str) -> Push:
+    """The same on the stand-in's control."""
+    config, hover = config_of(vehicle), np.array([0.0, 0.0, 1.5])
+    robot = Robot(config.vehicle, config.px4_bridge.admittance, config.force_estimator.observer)
+    state, command, away = (
+        tethered.hovering(hover, np.zeros(3), robot),
+        admittance.ease(hover, robot.filter),
+        list[float](),
+    )
+    for _ in range(round(PUSH_S / STEP_S)):
+        state = tethered.tick(state, SIDE_N, command, False, np.zeros(3), robot)
+        for _ in range(SUBSTEPS):
+            state = tethered.move(state, SIDE_N, robot)
+        away.append(float(norm(state.flight.robot.p_W - state.reference.p)))
+    return Push(max(away), away[-1])
 
 
 def cell(vehicle: str, M_A_kg: float, k_c: float, seconds: float = 16.0) -> Array:
@@ -132,8 +151,8 @@ def config_of(vehicle: str) -> Config:
 def pushes() -> list[tuple[str, ...]]:
     rows = list[tuple[str, ...]]()
     for vehicle in ("light", "medium"):
-        fed, not_fed = push(vehicle), push(vehicle, feed_forward=False)
-        numbers = (fed.peak_m, fed.end_m, not_fed.peak_m)
+        real, simulated = push(vehicle), simulated_push(vehicle)
+        numbers = (real.peak_m, real.end_m, simulated.peak_m)
         rows.append((vehicle, f"{PUSH_N:g}", *(f"{100 * x:.1f}" for x in numbers)))
     return rows
 
