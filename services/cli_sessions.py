@@ -36,6 +36,18 @@ def recover(
 
 
 @app.command()
+def report(
+    files: Annotated[list[Path], typer.Argument(help="recordings, or sessions' folders; several are compared")],
+    out: Annotated[Path | None, typer.Option(help="the page; by default report.html beside the recording")] = None,
+    figures: Annotated[Path | None, typer.Option(help="where to draw the paper's figures too, as PNG and PDF")] = None,
+) -> None:
+    """One page with everything about a session, or several compared."""
+    from services import sessions
+
+    raise typer.Exit(sessions.report(files, out, figures))
+
+
+@app.command()
 def sessions(folder: Annotated[Path, typer.Argument(help="where session folders are")] = Path("sessions")) -> None:
     """What has been recorded, a line for each session."""
     from services import sessions
