@@ -17,6 +17,9 @@ Subject = Annotated[str, typer.Option(help="who walks, by the study's own code; 
 Condition = Annotated[str, typer.Option(help="the study's condition; kept in the recording")]
 
 
+Replay = Annotated[bool, typer.Option("--replay", help="look into a replay, not into the living system")]
+
+
 @app.command()
 def check(file: File) -> None:
     """Is a recording complete, and why not."""
@@ -33,6 +36,18 @@ def recover(
     from services import sessions
 
     raise typer.Exit(sessions.save(file, out))
+
+
+@app.command()
+def replay(
+    file: File,
+    speed: Annotated[float, typer.Option(help="times real time")] = 1.0,
+    start: Annotated[float, typer.Option(help="s into the session")] = 0.0,
+) -> None:
+    """Say a recording again, on a bus of its own; never beside a vehicle."""
+    from services import replay
+
+    raise typer.Exit(replay.command(file, speed, start))
 
 
 @app.command()
