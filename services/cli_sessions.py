@@ -51,6 +51,31 @@ def replay(
 
 
 @app.command()
+def view(
+    file: File,
+    port: Annotated[int, typer.Option(help="of the page; 0 takes a free one")] = 8090,
+    browser: Annotated[bool, typer.Option(help="open the page in the browser")] = True,
+) -> None:
+    """Serve a recording, its scene and layouts to Foxglove or Lichtblick, and the report."""
+    from services.viewer import view
+
+    raise typer.Exit(view.command(file, port, browser))
+
+
+@app.command()
+def live(
+    profile: Profile = "demo",
+    host: Annotated[str, typer.Option(help="0.0.0.0 lets others look too")] = "127.0.0.1",
+    port: int = 8765,
+    replay: Replay = False,
+) -> None:
+    """The running system in Foxglove or Lichtblick."""
+    from services.viewer import live
+
+    raise typer.Exit(live.command(profile, host, port, replay=replay))
+
+
+@app.command()
 def report(
     files: Annotated[list[Path], typer.Argument(help="recordings, or sessions' folders; several are compared")],
     out: Annotated[Path | None, typer.Option(help="the page; by default report.html beside the recording")] = None,
