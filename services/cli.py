@@ -71,22 +71,28 @@ def topics(profile: Profile = "demo") -> None:
 
 @app.command()
 def echo(
-    topic: str, profile: Profile = "demo", count: Annotated[int, typer.Option("-n", help="stop after so many")] = 0
+    topic: str,
+    profile: Profile = "demo",
+    count: Annotated[int, typer.Option("-n", help="stop after so many")] = 0,
+    replay: cli_sessions.Replay = False,
 ) -> None:
     """Print the messages of a topic as JSON, one a line."""
     from services import look
 
-    raise typer.Exit(look.echo(topic, profile, count))
+    raise typer.Exit(look.echo(topic, profile, count, replay=replay))
 
 
 @app.command()
 def hz(
-    topics: Annotated[list[str] | None, typer.Argument()] = None, profile: Profile = "demo", seconds: float = 2.0
+    topics: Annotated[list[str] | None, typer.Argument()] = None,
+    profile: Profile = "demo",
+    seconds: float = 2.0,
+    replay: cli_sessions.Replay = False,
 ) -> None:
     """The rate at which topics arrive, beside the table's; all of them by default."""
     from services import look
 
-    raise typer.Exit(look.hz(topics or [], profile, seconds))
+    raise typer.Exit(look.hz(topics or [], profile, seconds, replay=replay))
 
 
 @app.command()
