@@ -5,10 +5,12 @@ import importlib
 from collections import defaultdict
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
+from schemas.energy import EnergyBalance
 from schemas.safety import Action, OperatorRequest, Phase, SafetyState
-from schemas.topics import OPERATOR, REQUEST, SAFETY_STATE, TOPICS
+from schemas.topics import ENERGY, OPERATOR, REQUEST, SAFETY_STATE, TOPICS
 from services.config import Config
 from services.px4_bridge import service as bridge
 from services.runtime.memory_bus import MemoryBus
@@ -17,6 +19,7 @@ from services.runtime.virtual import VirtualClock, run_virtual
 from services.simulator import service as simulator
 from tests.services.direct_vehicle import DirectVehicle
 
+ROUNDING_J = 1e-9
 MAVLINK_DELAY_S = 0.003
 ON_THE_BUS_ONLY = ("tracker", "force_estimator", "guiding_controller", "safety_supervisor")
 
@@ -74,8 +77,24 @@ class Stage:
 
 
 def fly(config: Config, script: Callable[[Stage], Awaitable[object]], limit_s: float = 200.0) -> Flight:
-    """Start every service, run `script` (a coroutine function), stop; what was said meanwhile."""
-    return run_virtual(_fly(config, script), limit_s=limit_s)
+    """Start every service, run `script` (a coroutine function), stop; what was said meanwhile.
+
+    Whatever the script broke, the filter must have been passive at its port throughout.
+    """
+    flight = run_virtual(_fly(config, script), limit_s=limit_s)
+    check_balance(flight.said[ENERGY.key])
+    return flight
+
+
+def check_balance(books: list[EnergyBalance]) -> None:
+    """The balance of services/px4_bridge/energy.py to its stated error: rounding, on the side of energy made."""
+    residual = [0.0, *(m.residual_J for m in books)]
+    assert all(m.created_J <= ROUNDING_J for m in books), "the filter made energy"
+    assert all(b >= a - ROUNDING_J for a, b in pairwise(residual)), "the residual fell"
+    assert all(m.tank_J >= 0.0 for m in books)
+    for m in books:
+        supplied = m.handed_J + m.guidance_J + m.height_J + m.cable_J
+        assert abs(m.stored_J + m.dissipated_J + m.residual_J - supplied) < ROUNDING_J
 
 
 async def whole(stage: Stage) -> None:
