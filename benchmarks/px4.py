@@ -18,11 +18,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from benchmarks import flight_demo, px4_age, stability_map
+from benchmarks import flight_demo, px4_age
 from benchmarks.px4_rig import Rig, px4
 from benchmarks.table import show
 from services import cable
 from services.cable import Cable
+from services.campaign import stability
 from services.config import Config, load
 from services.physics import Array, norm
 from services.px4_bridge import admittance
@@ -108,11 +109,11 @@ def simulated_push(vehicle: str) -> Push:
 
 
 def cell(vehicle: str, M_A_kg: float, k_c: float, seconds: float = 16.0) -> Array:
-    """Tension in N of the last half, one per 4 ms: the hand fixed, the cable at 56°, as in stability_map."""
+    """Tension in N of the last half, one per 4 ms: the hand fixed, the cable at 56°, as in the simulated map."""
     with rig_of(vehicle, M_A_kg) as rig:
-        wanted, line = stability_map.WANTED_N, Cable(rest_length_m=1.0, k_c_N_per_m=k_c, d_c_Ns_per_m=1.0)
-        hand = np.array([0.0, 0.0, 1.0])
-        start = hand + stability_map.ALONG * (1.0 + np.linalg.norm(wanted) / k_c)
+        wanted, hand = stability.WANTED_N, stability.HAND
+        line = Cable(rest_length_m=1.0, k_c_N_per_m=k_c, d_c_Ns_per_m=1.0)
+        start = hand + cable.offset(wanted, line)
         rig.take_off(start)
         soft = replace(rig.filter, k_H_N_per_m=1e-6)
         command = admittance.guide(start, wanted, 1.0, soft)
@@ -157,11 +158,19 @@ def pushes() -> list[tuple[str, ...]]:
     return rows
 
 
+def simulated_std_N(config: Config, M_A_kg: float, k_c: float) -> float:
+    """The same cell with the stand-in's cascade."""
+    setup = stability.Setup(config.vehicle, config.px4_bridge.admittance, config.cable)
+    axes = (M_A_kg / config.vehicle.quadrotor.mass_kg, k_c, config.force_estimator.observer.bandwidth_Hz)
+    grid = stability.Grid(*(np.array([x]) for x in (*axes, stability.DELAY_MS)))
+    return float(stability.fly(grid, setup, seconds=16.0).std_N.item())
+
+
 def the_map() -> list[tuple[str, ...]]:
     rows = list[tuple[str, ...]]()
     for vehicle, M_A_kg, k_c in CELLS:
         real = float(cell(vehicle, M_A_kg, k_c).std())
-        simulated = float(stability_map.run(vehicle, M_A_kg=[M_A_kg], k_c_N_per_m=[k_c], seconds=16.0).std_N[0, 0])
+        simulated = simulated_std_N(config_of(vehicle), M_A_kg, k_c)
         same = "same" if (real < CALM_N) == (simulated < CALM_N) else "NOT THE SAME"
         verdict = "calm" if real < CALM_N else "limit cycle"
         rows.append((vehicle, f"{M_A_kg:g}", f"{k_c:g}", f"{real:.2f}", f"{simulated:.2f}", f"{same}: {verdict}"))

@@ -39,6 +39,25 @@ def demo(
     raise typer.Exit(demonstration.demo(choice, live))
 
 
+@app.command(name="map")
+def stability_map(
+    vehicle: Annotated[str, typer.Option(help="names in deploy/vehicles, or files, by commas")] = "medium,light",
+    ratio: Annotated[str, typer.Option(help="virtual masses M_A/m_R")] = "0.53,0.67,0.8,0.9,1,1.33,2",
+    k_c: Annotated[str, typer.Option(help="cable stiffness, N/m; 50..400 for five values")] = "50,100,200,400",
+    observer_hz: Annotated[str, typer.Option(help="bandwidth of the wrench observer, Hz")] = "8",
+    delay_ms: Annotated[str, typer.Option(help="each way between autopilot and companion, ms")] = "8",
+    d_c: Annotated[float, typer.Option(help="damping of the cable, N s/m")] = 1.0,
+    seconds: Annotated[float, typer.Option(help="flight of each cell")] = 20.0,
+    profile: Profile = "demo",
+    out: Annotated[Path, typer.Option(help="where figure and cells go")] = Path("stability"),
+) -> None:
+    """Which virtual masses a vehicle that lags can fly on which cables."""
+    from services.campaign import stability_map
+
+    asked = stability_map.Asked(vehicle, ratio, k_c, observer_hz, delay_ms, d_c, seconds, profile)
+    raise typer.Exit(stability_map.run(asked, out))
+
+
 @app.command()
 def run(service: str, profile: Profile = "demo", px4: Px4 = "") -> None:
     """Run one service in the foreground."""
@@ -82,22 +101,28 @@ def topics(profile: Profile = "demo") -> None:
 
 @app.command()
 def echo(
-    topic: str, profile: Profile = "demo", count: Annotated[int, typer.Option("-n", help="stop after so many")] = 0
+    topic: str,
+    profile: Profile = "demo",
+    count: Annotated[int, typer.Option("-n", help="stop after so many")] = 0,
+    replay: cli_sessions.Replay = False,
 ) -> None:
     """Print the messages of a topic as JSON, one a line."""
     from services import look
 
-    raise typer.Exit(look.echo(topic, profile, count))
+    raise typer.Exit(look.echo(topic, profile, count, replay=replay))
 
 
 @app.command()
 def hz(
-    topics: Annotated[list[str] | None, typer.Argument()] = None, profile: Profile = "demo", seconds: float = 2.0
+    topics: Annotated[list[str] | None, typer.Argument()] = None,
+    profile: Profile = "demo",
+    seconds: float = 2.0,
+    replay: cli_sessions.Replay = False,
 ) -> None:
     """The rate at which topics arrive, beside the table's; all of them by default."""
     from services import look
 
-    raise typer.Exit(look.hz(topics or [], profile, seconds))
+    raise typer.Exit(look.hz(topics or [], profile, seconds, replay=replay))
 
 
 @app.command()

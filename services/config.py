@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError,
 from schemas.topics import SERVICES
 from services import sections
 from services.cable import Cable
-from services.guiding_controller import path_file
+from services.guiding_controller import maneuver, path_file
 from services.guiding_controller.path import Path as GuidedPath
 from services.parameters import NonNegative, Positive, parameters
 from services.physics import GRAVITY_MPS2
@@ -92,6 +92,10 @@ class Config(BaseModel):
         except ValueError as error:
             raise ValueError(f"path.{error}") from None
         self._inside_volume()
+        tank, work = self.px4_bridge.tank, maneuver.work(self.guided_path)
+        enough = tank.capacity_J >= work + tank.fade_J
+        limit = f"at least {work + tank.fade_J:.2f} J: the walk takes {work:.2f} J, and the tank fades below fade_J"
+        _require(enough, "px4_bridge.tank.capacity_J", tank.capacity_J, limit)
         return self
 
     def _inside_volume(self) -> None:

@@ -15,7 +15,7 @@ from services import report
 from services.config import Config, ConfigError
 from services.operator import Operator, operator_node
 from services.panel import Watch, line, render
-from services.recorder import figures, reading, summary
+from services.recorder import figures, page, reading, summary
 from services.runtime.clock import MonotonicClock
 from services.runtime.launcher import ServiceDied
 from services.runtime.node import Node
@@ -57,6 +57,7 @@ def tell(folder: Path, console: Console) -> int:
     result = summary.summarise(session)
     (folder / "summary.json").write_text(result.to_json())
     figures.draw_all(session, folder)
+    page.write_page([session], folder / "report.html")
     report.show(result, folder, console)
     return 0 if result.ok else 1
 

@@ -13,6 +13,7 @@ from schemas.health import Heartbeat
 from schemas.safety import SafetyState
 from schemas.topics import BY_KEY, HEALTH, SAFETY_STATE, TOPICS
 from services.config import ConfigError, load
+from services.replay import replay_bus_config
 from services.runtime.clock import MonotonicClock
 from services.runtime.node import Node
 from services.runtime.zenoh_bus import ZenohBus, open_bus
@@ -32,7 +33,7 @@ def topics() -> None:
     console().print(table)
 
 
-def echo(topic: str, profile: str, count: int) -> int:
+def echo(topic: str, profile: str, count: int, *, replay: bool = False) -> int:
     """Print messages until Ctrl-C, or `count` of them."""
     if topic not in BY_KEY:
         return _unknown(topic)
@@ -46,10 +47,10 @@ def echo(topic: str, profile: str, count: int) -> int:
                 break
         return 0
 
-    return _with_node(profile, follow)
+    return _with_node(profile, follow, replay=replay)
 
 
-def hz(keys: list[str], profile: str, seconds: float) -> int:
+def hz(keys: list[str], profile: str, seconds: float, *, replay: bool = False) -> int:
     """Count arrivals for `seconds` and print them beside the table's rates."""
     for key in keys:
         if key not in BY_KEY:
@@ -71,7 +72,7 @@ def hz(keys: list[str], profile: str, seconds: float) -> int:
         console().print(table)
         return 0
 
-    return _with_node(profile, measure)
+    return _with_node(profile, measure, replay=replay)
 
 
 def status(profile: str) -> int:
@@ -113,8 +114,8 @@ def _verdict(state: SafetyState | None) -> str:
     return f"phase {state.phase}, level {state.level.name.lower()}, permit {state.permit}: {why}"
 
 
-def _with_node(profile: str, use: Callable[[Node, ZenohBus], Awaitable[int]]) -> int:
-    """Run `use` with an observer on the profile's bus."""
+def _with_node(profile: str, use: Callable[[Node, ZenohBus], Awaitable[int]], *, replay: bool = False) -> int:
+    """Run `use` with an observer on the profile's bus, or on that of a replay."""
     try:
         config = load(profile)
     except ConfigError as error:
@@ -123,7 +124,7 @@ def _with_node(profile: str, use: Callable[[Node, ZenohBus], Awaitable[int]]) ->
     name = f"look-{os.getpid()}"
 
     async def main() -> int:
-        with open_bus(bus_config(config), name) as bus:
+        with open_bus(replay_bus_config() if replay else bus_config(config), name) as bus:
             return await use(Node(name, bus, MonotonicClock(), observer=True), bus)
 
     try:

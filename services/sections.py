@@ -10,6 +10,7 @@ from services.px4_bridge.admittance import Admittance
 from services.px4_bridge.approach import Approach
 from services.px4_bridge.flight import Flight
 from services.px4_bridge.setpoint import Limits as SetpointLimits
+from services.px4_bridge.tank import Tank
 from services.px4_bridge.telemetry import Vehicle as Telemetry
 from services.safety_supervisor.distances import Envelope
 from services.safety_supervisor.held import Held
@@ -78,6 +79,7 @@ class Px4Bridge:
     admittance: Admittance
     approach: Approach
     limits: SetpointLimits
+    tank: Tank
     vehicle: Telemetry
     link: Link
     px4: dict[str, int | float]

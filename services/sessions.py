@@ -5,6 +5,7 @@ import json
 import os
 import socket
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,9 @@ from schemas.note import OperatorNote
 from schemas.topics import BY_KEY, NOTE
 from services.config import ConfigError, load
 from services.operator import operator_node
+from services.recorder.figures import draw_all
 from services.recorder.inspection import Findings, inspect
+from services.recorder.page import write_page
 from services.recorder.reading import Session
 from services.recorder.recovery import recover
 from services.runtime.clock import MonotonicClock
@@ -61,6 +64,21 @@ def save(given: Path, out: Path | None) -> int:
         return complain(error)
     print(f"{session.damage}\n{kept} messages, {session.duration_s:.1f} s: {target}")  # noqa: T201
     return 0 if kept else 1
+
+
+def report(given: Sequence[Path], out: Path | None, figures: Path | None) -> int:
+    """Write the page of one or several sessions, and the paper's figures. Returns 2 where one is no recording."""
+    try:
+        sessions = [Session(session_file(one)) for one in given]
+        alone = sessions[0].file.parent if len(sessions) == 1 else Path()
+        print(write_page(sessions, out or alone / "report.html"))  # noqa: T201
+        for session in sessions if figures else []:
+            folder = figures / session.file.resolve().parent.name if figures else Path()
+            for suffix in (".png", ".pdf"):
+                print(*draw_all(session, folder, suffix), sep="\n")  # noqa: T201
+    except (OSError, ValueError) as error:
+        return complain(error)
+    return 0
 
 
 def overview(folder: Path) -> int:

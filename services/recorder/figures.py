@@ -41,10 +41,10 @@ _STYLE: dict[Any, Any] = {
 }
 
 
-def draw_all(session: Session, folder: Path) -> list[Path]:
+def draw_all(session: Session, folder: Path, suffix: str = ".png") -> list[Path]:
     """Write every figure into `folder`, whatever the recording holds; returns the files."""
     folder.mkdir(parents=True, exist_ok=True)
-    files = [folder / name for name in FIGURES]
+    files = [(folder / name).with_suffix(suffix) for name in FIGURES]
     with rc_context(_STYLE):
         for file, figure in zip(files, FIGURES.values(), strict=True):
             figure(session).savefig(file)

@@ -28,10 +28,10 @@ def test_set_points_are_the_bridges(wish: np.ndarray, pull: np.ndarray) -> None:
     """The set-points that its autopilot is told are those of the bridge's law in guidance on the same force samples."""
     config = load("demo").px4_bridge
     p = tethered.Robot(LIGHT, config.admittance, Observer(m_R_kg=0.8, bandwidth_Hz=8.0))
-    told = bridge.Params(config.flight, config.admittance, config.approach, config.limits)
+    told = bridge.Params(config.flight, config.admittance, config.approach, config.limits, config.tank)
     start, f_d = 1.5 * UP, UP + wish
     state = tethered.hovering(start, UP, p)
-    law = bridge.initial(start)._replace(kind=bridge.SetpointKind.ADMITTANCE, feed_forward=1.0)
+    law = bridge.initial(start, told)._replace(kind=bridge.SetpointKind.ADMITTANCE, feed_forward=1.0)
     command = admittance.guide(start, f_d, 1.0, config.admittance)
     for _ in range(50):
         state = tethered.tick(state, -UP - pull, command, False, np.zeros(3), p)

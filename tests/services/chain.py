@@ -5,11 +5,13 @@ import importlib
 from collections import defaultdict
 from collections.abc import Awaitable, Callable, Coroutine, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from schemas.energy import EnergyBalance
 from schemas.safety import Action, OperatorRequest, Phase, SafetyState
-from schemas.topics import OPERATOR, REQUEST, SAFETY_STATE, TOPICS
+from schemas.topics import ENERGY, OPERATOR, REQUEST, SAFETY_STATE, TOPICS
 from services.config import Config
 from services.px4_bridge import service as bridge
 from services.recorder import service as recorder
@@ -21,6 +23,7 @@ from services.runtime.virtual import VirtualClock, run_virtual
 from services.simulator import service as simulator
 from tests.services.direct_vehicle import DirectVehicle
 
+ROUNDING_J = 1e-9
 MAVLINK_DELAY_S = 0.003
 Runs: TypeAlias = dict[str, Coroutine[Any, Any, None]]
 ON_THE_BUS_ONLY = ("tracker", "force_estimator", "guiding_controller", "safety_supervisor")
@@ -81,7 +84,10 @@ class Stage:
 def fly(
     config: Config, script: Callable[[Stage], Awaitable[object]], limit_s: float = 200.0, record: Path | None = None
 ) -> Flight:
-    """Start every service, run `script` (a coroutine function), stop; what was said meanwhile, also in a recording."""
+    """Start every service, run `script` (a coroutine function), stop; what was said meanwhile, also in a recording.
+
+    Whatever the script broke, the filter must have been passive at its port throughout.
+    """
 
     async def flight() -> Flight:
         clock, bus = VirtualClock(), MemoryBus()
@@ -94,7 +100,9 @@ def fly(
             runs["recorder"] = _recorder(Node("recorder", bus, clock), config, record)
         return await perform(config, script, bus, clock, vehicle, runs)
 
-    return run_virtual(flight(), limit_s=limit_s)
+    flown = run_virtual(flight(), limit_s=limit_s)
+    check_balance(flown.said[ENERGY.key])
+    return flown
 
 
 def _recorder(node: Node, config: Config, file: Path) -> Coroutine[Any, Any, None]:
@@ -106,6 +114,17 @@ def _recorder(node: Node, config: Config, file: Path) -> Coroutine[Any, Any, Non
         metadata=origin(config),
         attachments={CONFIG_ATTACHMENT: config.model_dump_json().encode()},
     )
+
+
+def check_balance(books: list[EnergyBalance]) -> None:
+    """The balance of services/px4_bridge/energy.py to its stated error: rounding, on the side of energy made."""
+    residual = [0.0, *(m.residual_J for m in books)]
+    assert all(m.created_J <= ROUNDING_J for m in books), "the filter made energy"
+    assert all(b >= a - ROUNDING_J for a, b in pairwise(residual)), "the residual fell"
+    assert all(m.tank_J >= 0.0 for m in books)
+    for m in books:
+        supplied = m.handed_J + m.guidance_J + m.height_J + m.cable_J
+        assert abs(m.stored_J + m.dissipated_J + m.residual_J - supplied) < ROUNDING_J
 
 
 async def whole(stage: Stage) -> None:
