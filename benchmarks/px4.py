@@ -52,7 +52,6 @@ CELLS = (  # at least two on each side of the border, on both vehicles
 CALM_N = 0.35
 PUSH_N, PUSH_S = 1.5, 3.0
 SIDE_N = np.array([0.0, PUSH_N, 0.0])
-HANDOVER_S = 2.0
 
 
 def flights(seeds: Sequence[int]) -> list[tuple[str, ...]]:
@@ -122,10 +121,7 @@ def cell(vehicle: str, M_A_kg: float, k_c: float, seconds: float = 16.0) -> Arra
         def pull(state: QuadrotorState) -> Array:
             return -cable.force(state.p_W, hand, state.v_W, np.zeros(3), line)
 
-        for n in range(round(HANDOVER_S / STEP_S)):  # calm, as the simulated map begins: from the hover into the cable
-            share = n * STEP_S / HANDOVER_S
-            rig.tick(admittance.guide(start, share * wanted, 1.0, soft), lambda state, share=share: share * pull(state))
-        tension = list[float]()
+        tension = list[float]()  # it begins with a jerk, from the hover into the taut cable, as the simulated map does
         for _ in range(round(seconds / STEP_S)):
             rig.tick(command, pull)
             tension.append(float(norm(pull(rig.state))))
