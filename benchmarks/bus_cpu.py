@@ -17,7 +17,7 @@ from collections.abc import Callable, Coroutine, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.hop import show
+from benchmarks.table import show
 from schemas.estimation import CableForce, Tare
 from schemas.guidance import GuidanceCommand
 from schemas.message import Message, Quaternion, Vec3

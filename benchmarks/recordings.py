@@ -16,7 +16,7 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 from pydantic_core import from_json, to_json
 
-from benchmarks.hop import show
+from benchmarks.table import show
 from schemas.topics import BY_KEY, TOPICS
 from services.config import load
 from services.recorder import Session

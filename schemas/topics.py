@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Generic, TypeVar
 
+from schemas.energy import EnergyBalance
 from schemas.estimation import CableForce
 from schemas.guidance import GuidanceCommand
 from schemas.health import Heartbeat
@@ -71,6 +72,7 @@ CABLE_FORCE     = Topic("force/cable",       CableForce,      "force_estimator",
 GUIDANCE        = Topic("guidance/command",  GuidanceCommand, "guiding_controller", ("px4_bridge", "safety_supervisor"), 100.0, _S, True, "p_R^d(s*), f^d(s*), s*")
 SAFETY_STATE    = Topic("safety/state",      SafetyState,     "safety_supervisor",  ("px4_bridge", "guiding_controller", "force_estimator", "simulator"), 50.0, _T, True, "phase, level, permit, reasons")
 SETPOINT        = Topic("setpoint/sent",     Setpoint,        "px4_bridge",         ("safety_supervisor",),        125.0, _S, True, "what the autopilot was told")
+ENERGY          = Topic("energy/balance",    EnergyBalance,   "px4_bridge",         ("safety_supervisor",),         50.0, _T, True, "energy through the filter's ports, and the tank")
 REQUEST         = Topic("@cmd/request",      OperatorRequest, OPERATOR,             ("safety_supervisor",),          0.0, _C, True, "a person's command")
 REPLY           = Topic("safety/reply",      OperatorReply,   "safety_supervisor",  (OPERATOR,),                     0.0, _T, True, "the answer to it")
 NOTE            = Topic("operator/note",     OperatorNote,    OPERATOR,             (),                              0.0, _T, True, "a person's remark, for the recording")
@@ -88,6 +90,7 @@ TOPICS: tuple[Topic[Message], ...] = (
     GUIDANCE,
     SAFETY_STATE,
     SETPOINT,
+    ENERGY,
     REQUEST,
     REPLY,
     NOTE,

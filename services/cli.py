@@ -14,6 +14,7 @@ app = typer.Typer(
 app.add_typer(cli_sessions.app)
 
 Profile = Annotated[str, typer.Option(help="a name in deploy/profiles, or a file")]
+Px4 = Annotated[str, typer.Option(help="PX4's program for a profile that simulates with it", envvar="PX4_BIN")]
 
 
 @app.command()
@@ -24,13 +25,37 @@ def demo(
     seed: Annotated[int | None, typer.Option(help="of all simulated noise")] = None,
     out: Annotated[Path, typer.Option(help="where session folders go")] = Path("sessions"),
     live: Annotated[bool, typer.Option(help="the live panel")] = True,
+    px4: Px4 = "",
     subject: cli_sessions.Subject = "",
     condition: cli_sessions.Condition = "",
 ) -> None:
     """Fly the experiment once, simulated, from take-off to landing, and show what happened."""
     from services import demo as demonstration
+    from services import start
 
-    raise typer.Exit(demonstration.demo(profile, path, person, seed, out, live, subject, condition))
+    choice = start.Choice(
+        profile=profile, path=path, person=person, seed=seed, px4=px4, subject=subject, condition=condition, out=out
+    )
+    raise typer.Exit(demonstration.demo(choice, live))
+
+
+@app.command(name="map")
+def stability_map(
+    vehicle: Annotated[str, typer.Option(help="names in deploy/vehicles, or files, by commas")] = "medium,light",
+    ratio: Annotated[str, typer.Option(help="virtual masses M_A/m_R")] = "0.53,0.67,0.8,0.9,1,1.33,2",
+    k_c: Annotated[str, typer.Option(help="cable stiffness, N/m; 50..400 for five values")] = "50,100,200,400",
+    observer_hz: Annotated[str, typer.Option(help="bandwidth of the wrench observer, Hz")] = "8",
+    delay_ms: Annotated[str, typer.Option(help="each way between autopilot and companion, ms")] = "8",
+    d_c: Annotated[float, typer.Option(help="damping of the cable, N s/m")] = 1.0,
+    seconds: Annotated[float, typer.Option(help="flight of each cell")] = 20.0,
+    profile: Profile = "demo",
+    out: Annotated[Path, typer.Option(help="where figure and cells go")] = Path("stability"),
+) -> None:
+    """Which virtual masses a vehicle that lags can fly on which cables."""
+    from services.campaign import stability_map
+
+    asked = stability_map.Asked(vehicle, ratio, k_c, observer_hz, delay_ms, d_c, seconds, profile)
+    raise typer.Exit(stability_map.run(asked, out))
 
 
 @app.command()
@@ -45,13 +70,14 @@ def run(service: str, profile: Profile = "demo") -> None:
 def up(
     profile: Annotated[str, typer.Argument(help="a name in deploy/profiles, or a file")] = "demo",
     out: Path = Path("sessions"),
+    px4: Px4 = "",
     subject: cli_sessions.Subject = "",
     condition: cli_sessions.Condition = "",
 ) -> None:
     """Run all services of a profile until Ctrl-C."""
     from services import start
 
-    raise typer.Exit(start.up(profile, out, subject, condition))
+    raise typer.Exit(start.up(start.Choice(profile=profile, px4=px4, subject=subject, condition=condition, out=out)))
 
 
 @app.command()

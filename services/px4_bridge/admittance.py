@@ -111,6 +111,11 @@ def u_A(p_ref: Array, c: Command, p: Admittance) -> Array:
     return vector(*_u_A(components(p_ref), c, p)[0])
 
 
+def damping(state: State, c: Command, p: Admittance) -> Row:
+    """B_A by axes in N s/m, as it was in the step that led to `state`."""
+    return _damping(state.taut_s, c, p)
+
+
 def step(
     state: State, f_c: Array, c: Command, slack: Scalar, dt: Scalar, z_max_m: float, p: Admittance
 ) -> tuple[State, Array]:

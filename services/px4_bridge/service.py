@@ -9,9 +9,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from schemas.energy import EnergyBalance
 from schemas.message import Quaternion, Vec3
 from schemas.safety import Permit, Phase
-from schemas.topics import CABLE_FORCE, GUIDANCE, ROBOT_POSE, SAFETY_STATE, SETPOINT, VEHICLE_IMU, VEHICLE_STATE
+from schemas.topics import (
+    CABLE_FORCE,
+    ENERGY,
+    GUIDANCE,
+    ROBOT_POSE,
+    SAFETY_STATE,
+    SETPOINT,
+    VEHICLE_IMU,
+    VEHICLE_STATE,
+)
 from schemas.vehicle import FlightMode, SetpointKind, VehicleImu, VehicleState
 from schemas.vehicle import Setpoint as SetpointMessage
 from services.config import Config
@@ -56,7 +66,11 @@ class Bridge:
     def __init__(self, node: Node, config: Config, vehicle: Vehicle) -> None:
         self._node, self._config, self._vehicle = node, config, vehicle
         self._params = flight.Params(
-            config.px4_bridge.flight, config.px4_bridge.admittance, config.px4_bridge.approach, config.px4_bridge.limits
+            config.px4_bridge.flight,
+            config.px4_bridge.admittance,
+            config.px4_bridge.approach,
+            config.px4_bridge.limits,
+            config.px4_bridge.tank,
         )
         self._safety, self._guidance = node.latest(SAFETY_STATE), node.latest(GUIDANCE)
         self._forces = node.queue(CABLE_FORCE)
@@ -82,7 +96,8 @@ class Bridge:
 
     async def stream_setpoints(self) -> None:
         """The filter on each force sample, a set-point on each tick; nothing repeats either."""
-        sent = self._node.publisher(SETPOINT)
+        sent, balances = self._node.publisher(SETPOINT), self._node.publisher(ENERGY)
+        balance_due = Pace(ENERGY.rate_Hz)
         state: flight.State | None = None
         last_force_ns = 0
         async for tick in self._node.ticks(SETPOINT.rate_Hz):
@@ -93,11 +108,13 @@ class Bridge:
                 state, self._streaming_s = None, 0.0
                 continue
             if state is None:  # what was felt before counts for nothing
-                state, forces = flight.initial(robot.position_m.array()), []
+                state, forces = flight.initial(robot.position_m.array(), self._params), []
             state, output = flight.step(state, self._input(forces), tick.dt_s, self._params)
             message = self._message(output, last_force_ns, tick, robot.seq)
             self._vehicle.send_setpoint(output.sent.p, output.sent.v, output.sent.a, message.yaw_rad)
             sent.publish(message)
+            if balance_due.due(tick.stamp_ns):
+                balances.publish(_balance(state.port, message))
             self._streaming_s += tick.dt_s
 
     def report_vehicle(self, tick: Tick) -> VehicleState:
@@ -180,6 +197,26 @@ class Bridge:
             feed_forward=output.feed_forward,
             age_s=(now_ns - force_ns) * 1e-9 if complies and force_ns else 0.0,
         )
+
+
+def _balance(port: flight.Port, sent: SetpointMessage) -> EnergyBalance:
+    """The books as they stood when the set-point left."""
+    balance = port.balance
+    return EnergyBalance(
+        stamp_ns=sent.stamp_ns,
+        inputs=sent.inputs,
+        stored_J=balance.stored_J,
+        handed_J=balance.handed_J,
+        guidance_J=balance.guidance_J,
+        height_J=balance.height_J,
+        cable_J=balance.cable_J,
+        dissipated_J=balance.dissipated_J,
+        residual_J=balance.residual_J,
+        created_J=balance.created_J,
+        tank_J=port.tank.level_J,
+        tank_scale=port.tank.scale,
+        damping_Ns_per_m=Vec3.of(port.damping),
+    )
 
 
 def _imu(sample: ImuSample) -> VehicleImu:

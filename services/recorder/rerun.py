@@ -14,6 +14,7 @@ from typing import Any, NamedTuple, cast
 from schemas.message import MISSED, TICK, Message
 from schemas.topics import (
     CABLE_FORCE,
+    ENERGY,
     GUIDANCE,
     HANDLE_STATE,
     REPLY,
@@ -82,7 +83,7 @@ SUBJECTS = {
     "force_estimator": Subject(force_estimator.run, CABLE_FORCE),
     "guiding_controller": Subject(guiding_controller.run, GUIDANCE),
     "safety_supervisor": Subject(safety_supervisor.run, SAFETY_STATE, (REPLY,)),
-    "px4_bridge": Subject(_setpoints, SETPOINT),
+    "px4_bridge": Subject(_setpoints, SETPOINT, (ENERGY,)),
 }
 
 

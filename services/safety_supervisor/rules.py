@@ -33,6 +33,8 @@ class Limits:
     """Vehicle's centre to hand."""
     bias_warn_N: Positive
     bias_hold_N: Positive
+    energy_created_warn_J: Positive
+    """By the filter out of nothing; its books close to rounding, so this is far above any error (energy.py)."""
     age_ease_s: Positive
     age_hold_s: Positive
     stall_s: Positive
@@ -59,6 +61,9 @@ class Facts(NamedTuple):
     above_ceiling_m: float
     """How far the robot is above hand plane + l̄ + margin; negative below."""
     bias_change_N: float
+    energy_created_J: float
+    tank_scale: float
+    """Part of the guiding force that the energy tank lets act."""
     battery_fraction: float
     stall_s: float
 
@@ -95,6 +100,8 @@ RULES: tuple[Rule, ...] = (
     Rule("outside",           lambda f, p: f.robot_outside_m > 0.0,                 FLYING,  0.1, Level.HOLD,  "the vehicle left the volume",              "guide it back or land"),
     Rule("bias_moving",       lambda f, p: f.bias_change_N > p.bias_warn_N,         ENGAGED, 0.5, Level.WARN,  "the force bias has moved since zeroing",   "zero again soon"),
     Rule("bias_moved",        lambda f, p: f.bias_change_N > p.bias_hold_N,         ENGAGED, 0.5, Level.HOLD,  "the force estimate cannot be trusted",     "land and zero again"),
+    Rule("energy_created",    lambda f, p: f.energy_created_J > p.energy_created_warn_J, ENGAGED, 0.0, Level.WARN, "the filter made energy out of nothing",  "land, and keep the recording"),
+    Rule("tank_empty",        lambda f, p: f.tank_scale < 1.0,                      PULLING, 0.0, Level.WARN,  "guidance has used up its energy",          "land; the next start fills the tank"),
     Rule("battery_low",       lambda f, p: f.battery_fraction < p.battery_warn_fraction, FLYING, 2.0, Level.WARN, "the battery is low",                   "finish soon"),
     Rule("battery_empty",     lambda f, p: f.battery_fraction < p.battery_land_fraction, FLYING, 2.0, Level.LAND, "the battery is empty",                 "change it"),
     Rule("host_stall",        lambda f, p: f.stall_s > p.stall_s,                   ENGAGED, 0.0, Level.EASE,  "this host took the processor away",        "stop what else runs on it"),

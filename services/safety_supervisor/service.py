@@ -9,6 +9,7 @@ from schemas.message import Vec3
 from schemas.safety import Action, Level, OperatorReply, OperatorRequest, Phase, SafetyState
 from schemas.topics import (
     CABLE_FORCE,
+    ENERGY,
     GUIDANCE,
     HANDLE_STATE,
     REPLY,
@@ -37,11 +38,13 @@ class Senses:
         self.force = node.latest(CABLE_FORCE)
         self.guidance = node.latest(GUIDANCE)
         self.setpoint = node.latest(SETPOINT)
+        self.energy = node.latest(ENERGY)
         self.requests = node.queue(REQUEST)
 
     def inputs(self, tick: Tick) -> dict[str, int]:
         """What a verdict was made of."""
-        return used(self.handle, self.vehicle, self.force, self.guidance, self.setpoint, self.requests, tick=tick)
+        heard = (self.handle, self.vehicle, self.force, self.guidance, self.setpoint, self.energy, self.requests)
+        return used(*heard, tick=tick)
 
 
 class Person(NamedTuple):
@@ -110,6 +113,7 @@ def _observe(person: Person, senses: Senses, dt: float, config: Config) -> Perso
 def _facts(senses: Senses, person: Person, stall_s: float, config: Config) -> Facts:
     """What the rules are judged by; what is unknown is judged by its age, not by a guess."""
     hand, robot, force = senses.handle.message, senses.vehicle.message, senses.force.message
+    energy = senses.energy.message
     p, world = config.safety_supervisor, config.world
     p_R = robot.position_m.array() if robot else np.zeros(3)
     p_H = hand.position_m.array() if hand and hand.valid else p_R - np.array([0.0, 0.0, config.cable.rest_length_m])
@@ -137,6 +141,8 @@ def _facts(senses: Senses, person: Person, stall_s: float, config: Config) -> Fa
         robot_outside_m=float(near.outside),
         above_ceiling_m=float(near.above),
         bias_change_N=force.bias_change_N if force else 0.0,
+        energy_created_J=energy.created_J if energy else 0.0,
+        tank_scale=energy.tank_scale if energy else 1.0,
         battery_fraction=robot.battery_fraction if robot else 1.0,
         stall_s=stall_s,
     )

@@ -48,6 +48,7 @@ class Ack(IntEnum):
     TEMPORARILY_REJECTED = 1
     DENIED = 2
     UNSUPPORTED = 3
+    FAILED = 4
 
 
 class Arm(NamedTuple):

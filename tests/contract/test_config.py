@@ -4,7 +4,8 @@ import re
 
 import pytest
 
-from services.config import Config, ConfigError, deploy_folder, load
+from services.config import Config, ConfigError, load
+from services.profile_file import deploy_folder
 
 DEMO = (deploy_folder() / "profiles" / "demo.toml").read_text()
 PAPER = (deploy_folder() / "paths" / "paper.toml").read_text()

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from schemas.safety import Action, Level, Permit, Phase
-from schemas.topics import CABLE_FORCE, HANDLE_STATE, MOCAP_FRAME, SETPOINT, TRUTH, Stance
+from schemas.topics import CABLE_FORCE, ENERGY, HANDLE_STATE, MOCAP_FRAME, SETPOINT, TRUTH, Stance
 from schemas.tracking import HandleSource, MocapFrame
 from services.config import load
+from services.guiding_controller import maneuver
 from services.recorder import metrics
 from services.simulator.human import Event, Kind
 from tests.services.chain import Flight, Stage, fly, until_guiding
@@ -76,6 +77,16 @@ def test_the_robot_follows_the_filter(flight):
     sent = flight.during(SETPOINT.key, Phase.GUIDING)
     error = vectors(sent, "position_m") - at(stamps(sent), flight.said[TRUTH.key], "robot_position_m")
     assert np.sqrt(np.mean(np.sum(error**2, axis=1))) < 0.04
+
+
+def test_the_walk_costs_no_more_than_its_path_and_never_feels_the_tank(flight):
+    """That the books close is checked in every flight, see chain.py."""
+    books, tank = flight.during(ENERGY.key, Phase.GUIDING), flight.config.px4_bridge.tank
+    assert all(m.tank_scale == 1.0 for m in flight.said[ENERGY.key])
+    assert books[0].tank_J == tank.capacity_J
+    assert tank.fade_J < books[-1].tank_J < tank.capacity_J - 0.8 * maneuver.work(flight.config.guided_path)
+    worked = books[0].cable_J - books[-1].cable_J
+    assert worked == pytest.approx(maneuver.work(flight.config.guided_path), rel=0.25), "the person was not led by this"
 
 
 def test_the_propellers_stay_clear_of_the_head(flight):

@@ -6,7 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from services.config import deploy_folder
+from services.profile_file import deploy_folder
 
 
 def free_port() -> int:
