@@ -132,6 +132,14 @@ def test_it_is_started_in_a_folder_of_its_own_with_all_parameters_and_stopped(tm
     assert (tmp_path / "session" / "logs" / "px4.log").is_file()
 
 
+def test_a_parameter_that_it_does_not_know_is_named(tmp_path):
+    """PX4 itself goes on without it. Names that it complains of on its own account are none of ours."""
+    words = "for name in ('EKF2_EV_CTRL', 'TRIG_INTERFACE'): print('ERROR [param] Parameter', name, 'not found.', flush=True)"
+    binary = program(tmp_path, words + JOINS)
+    with pytest.raises(Px4NotThere, match=r"PX4 has no parameter EKF2_EV_CTRL: is its version"):
+        connect(tmp_path / "session", binary)
+
+
 def test_it_ends_with_a_simulator_that_is_killed(tmp_path):
     """Without a simulator PX4 would read a closed connection for ever."""
     binary = program(tmp_path, JOINS)
