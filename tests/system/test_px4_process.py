@@ -1,11 +1,13 @@
 """PX4 as a process that does not do as it should: each a line that says what to do, and nothing is left running."""
 
 import asyncio
+import contextlib
 import os
 import socket
 import stat
 import subprocess
 import sys
+import threading
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -85,6 +87,27 @@ def test_a_px4_that_does_not_come_is_named_and_stopped(tmp_path):
 def test_without_a_program_one_is_waited_for_and_asked_for(tmp_path):
     with pytest.raises(Px4NotThere, match=r"no PX4 has \(give its program by --px4 or PX4_BIN, or start one\)"):
         connect(tmp_path, "", appears_s=0.3)
+
+
+def test_a_px4_that_somebody_else_started_is_taken(tmp_path):
+    joined, met = threading.Event(), []
+
+    def px4() -> None:
+        while not joined.is_set():
+            for port in range(4561, 4570):
+                with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", port), 0.2):
+                    joined.wait(2.0)
+                    return
+
+    other = threading.Thread(target=px4)
+    other.start()
+    try:
+        connect(tmp_path, "", meanwhile=lambda _, hil: met.append(hil.starting))
+    finally:
+        joined.set()
+        other.join()
+    assert met == [True]
+    assert not (tmp_path / "logs").exists()
 
 
 def test_a_taken_port_is_named(tmp_path):
