@@ -133,6 +133,17 @@ def status(profile: Profile = "demo") -> None:
     raise typer.Exit(look.status(profile))
 
 
+@app.command()
+def explain(
+    session: Annotated[Path, typer.Argument(help="a recording: session.mcap")],
+    out: Annotated[Path | None, typer.Option(help="where energy.png goes; beside the recording by default")] = None,
+) -> None:
+    """Where a session's energy went: V, its rate, and the balance at each port."""
+    from services import explain as explanation
+
+    raise typer.Exit(explanation.explain(session, out))
+
+
 def main() -> None:
     """The console script."""
     app()

@@ -8,6 +8,7 @@ import pytest
 from schemas.safety import Action, Permit, Phase
 from schemas.topics import (
     CABLE_FORCE,
+    ENERGY,
     HEALTH,
     MOCAP_FRAME,
     ROBOT_POSE,
@@ -34,7 +35,7 @@ from tests.services.alone import (
     since,
     verdict,
 )
-from tests.services.chain import Stage, fly
+from tests.services.chain import Stage, check_balance, fly
 from tests.services.direct_vehicle import DirectVehicle
 
 CONFIG = load("demo")
@@ -155,6 +156,20 @@ def test_a_silent_supervisor_is_an_ease_then_a_landing(orphaned):
     assert orphaned.state_at(landed_s - 0.1).mode is FlightMode.OFFBOARD
     assert orphaned.state_at(landed_s + 0.5).mode is FlightMode.LAND
     assert since(orphaned.said, SETPOINT, landed_s + 0.6) == []
+
+
+def test_the_books_are_published_at_their_rate_and_close(forsaken):
+    """Whatever the filter's end: they stand still while it does not fly, and damping says so."""
+    books = forsaken.said[ENERGY.key]
+    assert rate_Hz(books) == pytest.approx(50.0, rel=0.02)
+    check_balance(books)
+    dead_s = DEAD_FROM_S + CONFIG.px4_bridge.link.force_silent_s + 0.03
+    after = since(forsaken.said, ENERGY, dead_s)
+    assert {m.cable_J for m in after} == {after[0].cable_J}
+    assert {m.damping_Ns_per_m.x for m in after} == {0.0}
+    waiting = [m for m in since(forsaken.said, ENERGY, WAITING_FROM_S + 0.05) if m.stamp_ns * 1e-9 - 1.0 < DEAD_FROM_S]
+    assert {m.damping_Ns_per_m.x for m in waiting} == {CONFIG.px4_bridge.admittance.b_free_Ns_per_m}
+    assert all(CABLE_FORCE.key in m.inputs for m in waiting)
 
 
 def test_set_points_end_with_the_service(orphaned):
