@@ -14,6 +14,7 @@ from schemas.topics import (
     HANDLE_STATE,
     REPLY,
     REQUEST,
+    ROBOT_POSE,
     SAFETY_STATE,
     SETPOINT,
     VEHICLE_STATE,
@@ -34,6 +35,7 @@ class Senses:
 
     def __init__(self, node: Node) -> None:
         self.handle = node.latest(HANDLE_STATE)
+        self.robot_pose = node.latest(ROBOT_POSE)
         self.vehicle = node.latest(VEHICLE_STATE)
         self.force = node.latest(CABLE_FORCE)
         self.guidance = node.latest(GUIDANCE)
@@ -43,8 +45,11 @@ class Senses:
 
     def inputs(self, tick: Tick) -> dict[str, int]:
         """What a verdict was made of."""
-        heard = (self.handle, self.vehicle, self.force, self.guidance, self.setpoint, self.energy, self.requests)
-        return used(*heard, tick=tick)
+        seen, told = (
+            (self.handle, self.robot_pose),
+            (self.vehicle, self.force, self.guidance, self.setpoint, self.energy),
+        )
+        return used(*seen, *told, self.requests, tick=tick)
 
 
 class Person(NamedTuple):
@@ -130,6 +135,7 @@ def _facts(senses: Senses, person: Person, stall_s: float, config: Config) -> Fa
     pull = float(norm(force.force_N.array() - weight)) if force and person.held.held else 0.0
     return Facts(
         handle_age_s=_age_s(senses.handle),
+        robot_pose_age_s=_age_s(senses.robot_pose),
         vehicle_age_s=_age_s(senses.vehicle),
         force_age_s=_age_s(senses.force),
         guidance_age_s=_age_s(senses.guidance),

@@ -43,19 +43,19 @@ def test_a_float_is_compared_as_the_autopilot_keeps_it(found, same):
 
 def preflights(*fixes):
     """The lists of several looks in a row, on a stand-in whose MPC_USE_HTE is wrong."""
-    listed = []
+    listed, vehicles = [], []
     told = CONFIG.simulator.autopilot.px4 | {"MPC_USE_HTE": 1}
 
     async def play(stage: Alone) -> None:
         wrong = CONFIG.model_copy(deep=True)
         wrong.simulator.autopilot.px4.update(told)
-        stage.vehicle = DirectVehicle(CONFIG.px4_bridge.vehicle, stage.clock.now_ns)
-        await simulator.play(stage.node("simulator"), wrong, stage.vehicle)
+        vehicles.append(DirectVehicle(CONFIG.px4_bridge.vehicle, stage.clock.now_ns))
+        await simulator.play(stage.node("simulator"), wrong, vehicles[0])
 
     async def script(stage: Alone) -> None:
         await asyncio.sleep(1.5)
         for fix in fixes:
-            listed.append(await look(CONFIG, stage.vehicle, fix=fix))
+            listed.append(await look(CONFIG, vehicles[0], fix=fix))
 
     alone(play, {}, script)
     return listed
