@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test check bench figures golden lock clean
+.PHONY: demo test check bench bench-px4 figures golden lock clean
 
 demo: .venv/.ready
 	$(BIN)/clew demo
@@ -17,6 +17,10 @@ check: .venv/.ready
 
 bench: .venv/.ready
 	$(BIN)/python -m benchmarks
+
+# On real PX4 in software; PX4_BIN is its program.
+bench-px4: .venv/.ready
+	$(BIN)/python -m benchmarks.px4
 
 figures: .venv/.ready
 	$(BIN)/python -m benchmarks.figures

@@ -18,9 +18,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from benchmarks import flight_demo
+from benchmarks import flight_demo, px4_age
 from benchmarks.px4_rig import Rig, px4
 from benchmarks.table import show
+from schemas.topics import TRUTH
 from services import cable
 from services.cable import Cable
 from services.campaign import stability
@@ -28,12 +29,15 @@ from services.config import Config, load
 from services.physics import Array, norm
 from services.px4_bridge import admittance
 from services.recorder import reading, summary
+from services.simulator import tethered
 from services.simulator.autopilot import STEP_S
+from services.simulator.flight import SUBSTEPS
 from services.simulator.quadrotor import QuadrotorState
+from services.simulator.tethered import Robot
 from tests.services import px4_chain
 
 COLUMNS = (*flight_demo.COLUMNS, "times real time")
-PUSH_COLUMNS = ("vehicle", "push N", "peak cm", "after 3 s cm", "without feed-forward cm")
+PUSH_COLUMNS = ("vehicle", "push N", "peak cm", "after 3 s cm", "simulated: peak cm")
 MAP_COLUMNS = ("vehicle", "M_A kg", "k_c N/m", "PX4: tension std N", "simulated", "verdicts")
 CELLS = (  # at least two on each side of the border, on both vehicles
     ("medium", 0.8, 50.0),
@@ -47,7 +51,7 @@ CELLS = (  # at least two on each side of the border, on both vehicles
 )
 CALM_N = 0.35
 PUSH_N, PUSH_S = 1.5, 3.0
-HANDOVER_S = 2.0
+SIDE_N = np.array([0.0, PUSH_N, 0.0])
 
 
 def flights(seeds: Sequence[int]) -> list[tuple[str, ...]]:
@@ -74,19 +78,34 @@ class Push(NamedTuple):
     end_m: float
 
 
-def push(vehicle: str, *, feed_forward: bool = True) -> Push:
+def push(vehicle: str) -> Push:
     """A sudden side pull on a vehicle that hovers with the filter engaged, as a hand on the cable would."""
     with rig_of(vehicle) as rig:
         hover = np.array([0.0, 0.0, 1.5])
         rig.take_off(hover)
         command = admittance.ease(hover, rig.filter)
-        rig.estimating = 1.0 if feed_forward else 0.0
-        side = np.array([0.0, PUSH_N, 0.0])
         away = list[float]()
         for _ in range(round(PUSH_S / STEP_S)):
-            rig.tick(command, lambda _state: side)
+            rig.tick(command, lambda _state: SIDE_N)
             away.append(float(norm(rig.state.p_W - rig.reference.p)))
         return Push(max(away), away[-1])
+
+
+def simulated_push(vehicle: str) -> Push:
+    """The same on the stand-in's control."""
+    config, hover = config_of(vehicle), np.array([0.0, 0.0, 1.5])
+    robot = Robot(config.vehicle, config.px4_bridge.admittance, config.force_estimator.observer)
+    state, command, away = (
+        tethered.hovering(hover, np.zeros(3), robot),
+        admittance.ease(hover, robot.filter),
+        list[float](),
+    )
+    for _ in range(round(PUSH_S / STEP_S)):
+        state = tethered.tick(state, SIDE_N, command, False, np.zeros(3), robot)
+        for _ in range(SUBSTEPS):
+            state = tethered.move(state, SIDE_N, robot)
+        away.append(float(norm(state.flight.robot.p_W - state.reference.p)))
+    return Push(max(away), away[-1])
 
 
 def cell(vehicle: str, M_A_kg: float, k_c: float, seconds: float = 16.0) -> Array:
@@ -102,10 +121,7 @@ def cell(vehicle: str, M_A_kg: float, k_c: float, seconds: float = 16.0) -> Arra
         def pull(state: QuadrotorState) -> Array:
             return -cable.force(state.p_W, hand, state.v_W, np.zeros(3), line)
 
-        for n in range(round(HANDOVER_S / STEP_S)):  # calm, as the simulated map begins: from the hover into the cable
-            share = n * STEP_S / HANDOVER_S
-            rig.tick(admittance.guide(start, share * wanted, 1.0, soft), lambda state, share=share: share * pull(state))
-        tension = list[float]()
+        tension = list[float]()  # it begins with a jerk, from the hover into the taut cable, as the simulated map does
         for _ in range(round(seconds / STEP_S)):
             rig.tick(command, pull)
             tension.append(float(norm(pull(rig.state))))
@@ -133,8 +149,8 @@ def config_of(vehicle: str) -> Config:
 def pushes() -> list[tuple[str, ...]]:
     rows = list[tuple[str, ...]]()
     for vehicle in ("light", "medium"):
-        fed, not_fed = push(vehicle), push(vehicle, feed_forward=False)
-        numbers = (fed.peak_m, fed.end_m, not_fed.peak_m)
+        real, simulated = push(vehicle), simulated_push(vehicle)
+        numbers = (real.peak_m, real.end_m, simulated.peak_m)
         rows.append((vehicle, f"{PUSH_N:g}", *(f"{100 * x:.1f}" for x in numbers)))
     return rows
 
@@ -159,15 +175,23 @@ def the_map() -> list[tuple[str, ...]]:
     return rows
 
 
-def real_time(n: int) -> None:
-    flight_demo.run(n, "px4-sitl")
+def real_time(n: int) -> list[tuple[str, ...]]:
+    """The demo as its own processes; the factor is the world's time over the host's."""
+    rows = list[tuple[str, ...]]()
+    with tempfile.TemporaryDirectory() as folder:
+        for seed in range(1, n + 1):
+            result = flight_demo.fly(Path(folder), seed, "px4-sitl")
+            stamps = reading.read(result["folder"] / "session.mcap").table(TRUTH)["t_s"]
+            factor = (len(stamps) - 1) / TRUTH.rate_Hz / float(stamps[-1] - stamps[0])
+            rows.append((*flight_demo.row(seed, result), f"{factor:.3f}"))
+    return rows
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--real-time", type=int, default=1)
-    parser.add_argument("--only", choices=("flights", "push", "map", "real-time"))
+    parser.add_argument("--only", choices=("flights", "push", "map", "age", "real-time"))
     told = parser.parse_args()
     if not px4_chain.PX4_BIN:
         print("bench-px4: skipped: PX4_BIN is not set")
@@ -176,7 +200,8 @@ def main() -> int:
         "flights": ("The experiment on PX4", lambda: show(flights(range(1, told.seeds + 1)), COLUMNS)),
         "push": ("A side pull in hover, from the reference", lambda: show(pushes(), PUSH_COLUMNS)),
         "map": ("The map of G5", lambda: show(the_map(), MAP_COLUMNS)),
-        "real-time": ("In real time", lambda: real_time(told.real_time)),
+        "age": ("How old a set-point is when PX4 shows it", lambda: show(px4_age.run(), px4_age.COLUMNS)),
+        "real-time": ("In real time", lambda: show(real_time(told.real_time), COLUMNS)),
     }
     for name, (title, measure) in parts.items():
         if told.only in (None, name):

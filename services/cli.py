@@ -59,11 +59,11 @@ def stability_map(
 
 
 @app.command()
-def run(service: str, profile: Profile = "demo") -> None:
+def run(service: str, profile: Profile = "demo", px4: Px4 = "") -> None:
     """Run one service in the foreground."""
     from services import start
 
-    raise typer.Exit(start.run_by_hand(service, profile))
+    raise typer.Exit(start.run_by_hand(service, profile, px4))
 
 
 @app.command()
@@ -78,6 +78,17 @@ def up(
     from services import start
 
     raise typer.Exit(start.up(start.Choice(profile=profile, px4=px4, subject=subject, condition=condition, out=out)))
+
+
+@app.command()
+def preflight(
+    profile: Profile = "demo",
+    fix: Annotated[bool, typer.Option("--fix", help="set the autopilot's parameters as the profile has them")] = False,
+) -> None:
+    """What stands against a flight, in the order in which to mend it; the system must not run meanwhile."""
+    from services import preflight as checks
+
+    raise typer.Exit(checks.preflight(profile, fix))
 
 
 @app.command()
@@ -120,6 +131,17 @@ def status(profile: Profile = "demo") -> None:
     from services import look
 
     raise typer.Exit(look.status(profile))
+
+
+@app.command()
+def explain(
+    session: Annotated[Path, typer.Argument(help="a recording: session.mcap")],
+    out: Annotated[Path | None, typer.Option(help="where energy.png goes; beside the recording by default")] = None,
+) -> None:
+    """Where a session's energy went: V, its rate, and the balance at each port."""
+    from services import explain as explanation
+
+    raise typer.Exit(explanation.explain(session, out))
 
 
 def main() -> None:

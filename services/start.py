@@ -78,12 +78,12 @@ async def launch_all(config: Config, timeout_s: float = 30.0) -> AsyncGenerator[
         yield launched
 
 
-def run_by_hand(name: str, profile: str) -> int:
+def run_by_hand(name: str, profile: str, px4: str = "") -> int:
     """`clew run`: one service in the foreground; 2 for bad configuration or a name that does not exist."""
     try:
         if name not in SERVICES:
             raise ConfigError(f"service {name!r}: must be one of {', '.join(SERVICES)}")
-        config = load(profile)
+        config = load(profile, px4=px4)
     except ConfigError as error:
         print(error, file=sys.stderr)  # noqa: T201
         return 2

@@ -77,7 +77,7 @@ class Bridge:
         self._word = Word()
         self._told: VehicleState | None = None
         self._pace = Pace(VEHICLE_STATE.rate_Hz)
-        self._streaming_s = 0.0
+        self._flown, self._streaming_s = orders.Flown.NOT_YET, 0.0
         self._trouble = ""
 
     async def relay_imu(self) -> None:
@@ -104,7 +104,8 @@ class Bridge:
             robot = self.report_vehicle(tick)
             self._listen()
             forces, last_force_ns = self._new_forces(last_force_ns)
-            if not orders.streams(self._word.permit, self._word.phase, robot.armed, robot.mode):
+            self._flown = orders.flown(self._flown, self._word.permit, self._word.phase, robot.armed, robot.mode)
+            if not orders.streams(self._word.permit, self._word.phase, robot.armed, robot.mode, self._flown):
                 state, self._streaming_s = None, 0.0
                 continue
             if state is None:  # what was felt before counts for nothing

@@ -76,6 +76,11 @@ def _actuator_output_status(mav: Any, now: Moment) -> None:
     mav.send_fields(_ACTUATOR_OUTPUT_STATUS, now.time_us, 4, *pwm_us(now.state), *_UNUSED_OUTPUTS)
 
 
+def has_begun(state: AutopilotState) -> bool:
+    """Whether there ever was a position."""
+    return math.isfinite(state.estimator.since_accepted_s)
+
+
 def pwm_us(state: AutopilotState) -> list[int]:
     """Of the four motors: 1000 to 2000, and 900 while disarmed."""
     if not state.commander.armed:
@@ -90,8 +95,8 @@ def _highres_imu(mav: Any, now: Moment) -> None:
 
 
 def _local_position_ned(mav: Any, now: Moment) -> None:
-    """Silent, as PX4 is, while there is no position."""
-    if now.state.has_position:
+    """Silent before the first pose. After the last one it goes on with what is no longer worth anything, as PX4's does."""
+    if has_begun(now.state):
         p = frames.ned_from_enu(now.state.estimate.p_W).tolist()
         v = frames.ned_from_enu(now.state.estimate.v_W).tolist()
         mav.send_fields(_LOCAL_POSITION_NED, now.time_us // 1000, *p, *v)

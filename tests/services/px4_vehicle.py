@@ -48,8 +48,8 @@ class Px4Vehicle(Vehicle, Pilot):
         self._mav = dialect.MAVLink(self, *_COMPANION)
         self._mav.robust_parsing = True
         self._streaming = False
-        self.heard: list[tuple[str, Fields]] | None = None
-        """Set to a list to collect every message."""
+        self.on_packet: Callable[[str, bytes], None] = lambda _name, _packet: None
+        """Is shown every message of the autopilot, by name and as it came."""
         self.mute = False
         """While true no set-point gets through."""
 
@@ -95,8 +95,7 @@ class Px4Vehicle(Vehicle, Pilot):
         if message.get_srcComponent() != AUTOPILOT or message.get_type() == "BAD_DATA":
             return False
         name, fields = message.get_type(), message.to_dict()
-        if self.heard is not None:
-            self.heard.append((name, fields))
+        self.on_packet(name, bytes(message.get_msgbuf()))
         if name == _ACK:
             done = self._waiting.pop(message.command, None)
             if done is not None and not done.done():
@@ -118,6 +117,13 @@ class Px4Vehicle(Vehicle, Pilot):
             if name in self._telemetry.messages:
                 self.order(telecommand.command(telecommand.SET_INTERVAL, number, 1e6 / rate_Hz))
         self._streaming = True
+
+    def ask_parameter(self, name: str) -> None:
+        """PARAM_VALUE comes back, for `on_packet`."""
+        self._send(
+            "param_request_read",
+            {"target_system": 1, "target_component": AUTOPILOT, "param_id": name.encode(), "param_index": -1},
+        )
 
     def order(self, fields: Fields) -> None:
         """A COMMAND_LONG whose answer nobody waits for."""

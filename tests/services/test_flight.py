@@ -5,16 +5,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from schemas.safety import Action, Level, Permit, Phase
 from schemas.topics import CABLE_FORCE, ENERGY, HANDLE_STATE, MOCAP_FRAME, SETPOINT, TRUTH, Stance
 from schemas.tracking import HandleSource, MocapFrame
+from services.cli import app
 from services.config import load
 from services.guiding_controller import maneuver
 from services.recorder import metrics
+from services.recorder.passivity import filter_books, physical_books, walk, worst
+from services.recorder.reading import read
 from services.simulator.human import Event, Kind
 from tests.services.chain import Flight, Stage, fly, until_guiding
 from tests.services.quick import quick_config
+from tests.services.record import record
 
 
 @pytest.fixture(scope="module")
@@ -87,6 +92,26 @@ def test_the_walk_costs_no_more_than_its_path_and_never_feels_the_tank(flight):
     assert tank.fade_J < books[-1].tank_J < tank.capacity_J - 0.8 * maneuver.work(flight.config.guided_path)
     worked = books[0].cable_J - books[-1].cable_J
     assert worked == pytest.approx(maneuver.work(flight.config.guided_path), rel=0.25), "the person was not led by this"
+
+
+def test_the_session_explains_itself(flight, tmp_path):
+    """V falls from the start's to nothing, as fast as Thm 2 to 4 say; what the true vehicle adds is little and told."""
+    session = read(record(tmp_path / "session.mcap", flight))
+    walked, filtered, physical = walk(session), filter_books(session), physical_books(session)
+    assert walked is not None
+    assert walked.V_J[0] > 30.0
+    assert np.min(walked.V_J) >= 0.0
+    assert walked.V_J[-1] < 0.02
+    apart = walked.observed_W - walked.predicted_W
+    assert metrics.rms(apart) < 0.02 * metrics.rms(walked.predicted_W)
+    assert worst(filtered.t_s, filtered.balance.residual_J).fall < 1e-9
+    assert worst(physical.t_s, physical.balance.residual_J).fall < 0.3
+    for name in ("guidance_J", "cable_J", "dissipated_J"):
+        true, seen = getattr(physical.balance, name)[-1], getattr(filtered.balance, name)[-1]
+        assert true == pytest.approx(seen, rel=0.1)
+    result = CliRunner().invoke(app, ["explain", str(tmp_path / "session.mcap")])
+    assert result.exit_code == 0, result.output
+    assert (tmp_path / "energy.png").stat().st_size > 10_000
 
 
 def test_the_propellers_stay_clear_of_the_head(flight):

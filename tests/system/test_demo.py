@@ -55,7 +55,7 @@ def test_the_demo_flies_from_take_off_to_landing(demo):
 def test_it_leaves_figures_and_a_recording_that_names_causes(demo):
     folder, _ = demo
     session = folder / "sessions/latest"
-    for name in ("path.png", "time.png", "timing.png"):
+    for name in ("path.png", "time.png", "energy.png", "timing.png"):
         assert (session / name).stat().st_size > 10_000
     recording = read(session / "session.mcap")
     assert recording.damage == ""
