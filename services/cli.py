@@ -1,5 +1,6 @@
 """`clew`: every command is one function elsewhere."""
 
+import signal
 from pathlib import Path
 from typing import Annotated
 
@@ -190,7 +191,8 @@ def campaign(
 
 
 def main() -> None:
-    """The console script."""
+    """The console script. Ctrl-C counts also where a script that put it in the background had it ignored."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     app()
 
 
