@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test check bench figures lock clean
+.PHONY: demo test check bench bench-px4 figures golden lock clean
 
 demo: .venv/.ready
 	$(BIN)/clew demo
@@ -18,8 +18,16 @@ check: .venv/.ready
 bench: .venv/.ready
 	$(BIN)/python -m benchmarks
 
+# On real PX4 in software; PX4_BIN is its program.
+bench-px4: .venv/.ready
+	$(BIN)/python -m benchmarks.px4
+
 figures: .venv/.ready
 	$(BIN)/python -m benchmarks.figures
+
+# After a change of behaviour that is meant: what the virtual flight looks like from now on.
+golden: .venv/.ready
+	$(BIN)/python -m tests.services.golden
 
 .venv/.ready: requirements.lock pyproject.toml
 	$(PYTHON) -m venv .venv

@@ -18,7 +18,8 @@ from matplotlib.figure import Figure
 from services.campaign import batch
 from services.campaign.batch import BATCH, Plan, Prepared
 from services.campaign.walk import Controller
-from services.config import deploy_folder, load, read_toml
+from services.config import load
+from services.profile_file import deploy_folder, read
 
 SIZES = (1, 3, 10, 30, 100, 300, 1000, 3000, 10_000, 30_000, 100_000)
 WALKED_S = 12_000.0
@@ -27,7 +28,7 @@ WALKED_S = 12_000.0
 
 def plan(people: int, seconds: float, size: int = BATCH) -> Plan:
     """A campaign with the general population."""
-    population = read_toml(deploy_folder() / "populations" / "general.toml")
+    population = read(deploy_folder() / "populations" / "general.toml")
     config = load("demo").model_dump(mode="json")
     return Plan(people, 1, 1, Controller.REFERENCE, "ideal", "", seconds, min(size, people), population, config)
 

@@ -1,6 +1,7 @@
 """One hop at 1 kHz: from publish in one process to the message in the other process's loop, beside bare Zenoh bytes.
 
 - bare: `put(bytes)` on a declared publisher -> Zenoh's callback in the other process has the bytes. No model, no loop.
+- loop: the same bytes -> the other process's loop has them, by the shortest way that asyncio knows.
 - latest: `publish(HandleState)` -> decoded and checked in the other process's loop, where a Latest holds it.
 - stream: the same message -> the service's `async for` over a Stream has it.
 
@@ -12,7 +13,6 @@ load. Stamps are CLOCK_MONOTONIC, one clock for all processes of a host. `python
 # pyright: reportUnknownMemberType=false
 
 import asyncio
-import os
 import sys
 import tempfile
 import time
@@ -20,9 +20,8 @@ from collections import deque
 from collections.abc import AsyncIterator, Sequence
 
 import zenoh
-from rich.console import Console
-from rich.table import Table
 
+from benchmarks.table import quantile_ms, show
 from schemas.message import Vec3
 from schemas.topics import HANDLE_STATE, SERVICES, Stance
 from schemas.tracking import HandleSource, HandleState
@@ -32,7 +31,7 @@ from services.runtime.clock import MonotonicClock
 from services.runtime.node import Node
 from services.runtime.zenoh_bus import ZenohBus, open_bus, session_config
 
-COLUMNS = ("one hop at 1 kHz", "p50 ms", "p99 ms", "p50 to bare", "p99 to bare", "samples", "sent")
+COLUMNS = ("one hop", "p50 ms", "p99 ms", "/bare p50", "p99", "/loop p50", "p99", "seen", "sent")
 
 _RATE_Hz, _TURN_ticks, _SIZE_bytes = 1000.0, 250, 290
 _BARE_KEY = "bench/bare"
@@ -44,14 +43,15 @@ def run(seconds: float = 10.0) -> list[tuple[str, ...]]:
     with tempfile.TemporaryDirectory() as run_dir:
         asyncio.run(receiver.receive(run_dir, seconds))
     sent = round(seconds * _RATE_Hz / 2)
-    return [_row(name, delays, receiver.delays_ns["bare"], sent) for name, delays in receiver.delays_ns.items()]
+    bare, loop = (receiver.delays_ns[name] for name in ("bare", "loop"))
+    return [_row(name, delays, bare, loop, sent) for name, delays in receiver.delays_ns.items()]
 
 
 class Receiver:
     """The other process: three ways to look at the clock."""
 
     def __init__(self) -> None:
-        self.delays_ns: dict[str, list[int]] = {"bare": [], "decoded": [], "stream": []}
+        self.delays_ns: dict[str, list[int]] = {"bare": [], "loop": [], "decoded": [], "stream": []}
         self.decoded_ns: deque[int] = deque()
 
     async def receive(self, run_dir: str, seconds: float) -> None:
@@ -63,6 +63,7 @@ class Receiver:
         ):
             node = Node("guiding_controller", Probe(bus, self.decoded_ns), MonotonicClock())
             reader = asyncio.create_task(self._read(node.stream(HANDLE_STATE, depth=4096)))
+            self._loop = asyncio.get_running_loop()
             session.declare_subscriber(_BARE_KEY, self._on_sample)
             sender = await asyncio.create_subprocess_exec(sys.executable, "-m", "benchmarks.hop", run_dir, str(seconds))
             await sender.wait()
@@ -77,6 +78,10 @@ class Receiver:
     def _on_sample(self, sample: zenoh.Sample) -> None:
         payload = sample.payload.to_bytes()
         self.delays_ns["bare"].append(time.monotonic_ns() - int.from_bytes(payload[:8], "little"))
+        self._loop.call_soon_threadsafe(self._in_loop, payload)
+
+    def _in_loop(self, payload: bytes) -> None:
+        self.delays_ns["loop"].append(time.monotonic_ns() - int.from_bytes(payload[:8], "little"))
 
 
 class Probe:
@@ -121,7 +126,6 @@ def _bare_publisher(session: zenoh.Session) -> zenoh.Publisher:
         _BARE_KEY,
         priority=zenoh.Priority.REAL_TIME,
         congestion_control=zenoh.CongestionControl.DROP,
-        express=True,
     )
 
 
@@ -142,21 +146,12 @@ def _configs(run_dir: str) -> tuple[BusConfig, BusConfig]:
     )
 
 
-def _row(name: str, delays_ns: Sequence[int], bare_ns: Sequence[int], sent: int) -> tuple[str, ...]:
+def _row(
+    name: str, delays_ns: Sequence[int], bare_ns: Sequence[int], loop_ns: Sequence[int], sent: int
+) -> tuple[str, ...]:
     p50, p99 = (quantile_ms(delays_ns, q) for q in (0.5, 0.99))
-    ratios = p50 / quantile_ms(bare_ns, 0.5), p99 / quantile_ms(bare_ns, 0.99)
+    ratios = [p / quantile_ms(than, q) for than in (bare_ns, loop_ns) for p, q in ((p50, 0.5), (p99, 0.99))]
     return (name, f"{p50:.3f}", f"{p99:.3f}", *(f"{ratio:.2f}" for ratio in ratios), str(len(delays_ns)), str(sent))
-
-
-def quantile_ms(values_ns: Sequence[int], q: float) -> float:
-    return sorted(values_ns)[int(q * (len(values_ns) - 1))] * 1e-6
-
-
-def show(rows: Sequence[Sequence[str]], columns: Sequence[str]) -> None:
-    table = Table(*columns, caption=f"load average {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
-    for row in rows:
-        table.add_row(*row)
-    Console().print(table)
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.hop import quantile_ms, show
+from benchmarks.table import quantile_ms, show
 from schemas.message import Vec3
 from schemas.safety import Level, Permit, Phase, SafetyState
 from schemas.topics import CABLE_FORCE, SAFETY_STATE, SETPOINT, VEHICLE_IMU

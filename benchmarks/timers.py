@@ -10,7 +10,7 @@ import os
 import time
 from collections.abc import Awaitable, Callable, Sequence
 
-from benchmarks.hop import quantile_ms, show
+from benchmarks.table import quantile_ms, show
 from services.runtime import timerfd
 from services.runtime.clock import MonotonicClock
 from services.runtime.memory_bus import MemoryBus

@@ -7,10 +7,12 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Generic, TypeVar
 
+from schemas.energy import EnergyBalance
 from schemas.estimation import CableForce
 from schemas.guidance import GuidanceCommand
 from schemas.health import Heartbeat
 from schemas.message import Message
+from schemas.note import OperatorNote
 from schemas.safety import OperatorReply, OperatorRequest, SafetyState
 from schemas.simulation import Truth
 from schemas.tracking import HandleState, MocapFrame, RobotPose
@@ -63,15 +65,17 @@ _S, _T, _C, _B = Stance.STREAM, Stance.STATE, Stance.COMMAND, Stance.BULK
 #                       key                  type             publisher             subscribers                    rate stance logged
 MOCAP_FRAME     = Topic("mocap/frame",       MocapFrame,      "simulator",          ("tracker",),                   60.0, _S, True, "rigid bodies as the simulated capture system sees them")
 HANDLE_STATE    = Topic("handle/state",      HandleState,     "tracker",            ("guiding_controller", "force_estimator", "safety_supervisor", "px4_bridge"), 60.0, _S, True, "p_H, v_H")
-ROBOT_POSE      = Topic("robot/pose",        RobotPose,       "tracker",            ("px4_bridge", "force_estimator"), 60.0, _S, True, "pose for the autopilot's estimator")
+ROBOT_POSE      = Topic("robot/pose",        RobotPose,       "tracker",            ("px4_bridge", "force_estimator", "safety_supervisor"), 60.0, _S, True, "pose for the autopilot's estimator")
 VEHICLE_IMU     = Topic("vehicle/imu",       VehicleImu,      "px4_bridge",         ("force_estimator",),          250.0, _S, True, "inertial sample, attitude, thrust")
 VEHICLE_STATE   = Topic("vehicle/state",     VehicleState,    "px4_bridge",         ("guiding_controller", "safety_supervisor", "tracker"), 50.0, _S, True, "motion, mode, battery")
 CABLE_FORCE     = Topic("force/cable",       CableForce,      "force_estimator",    ("px4_bridge", "safety_supervisor", "tracker"), 250.0, _S, True, "f̂_c, bias, taut or slack")
 GUIDANCE        = Topic("guidance/command",  GuidanceCommand, "guiding_controller", ("px4_bridge", "safety_supervisor"), 100.0, _S, True, "p_R^d(s*), f^d(s*), s*")
 SAFETY_STATE    = Topic("safety/state",      SafetyState,     "safety_supervisor",  ("px4_bridge", "guiding_controller", "force_estimator", "simulator"), 50.0, _T, True, "phase, level, permit, reasons")
 SETPOINT        = Topic("setpoint/sent",     Setpoint,        "px4_bridge",         ("safety_supervisor",),        125.0, _S, True, "what the autopilot was told")
+ENERGY          = Topic("energy/balance",    EnergyBalance,   "px4_bridge",         ("safety_supervisor",),         50.0, _T, True, "energy through the filter's ports, and the tank")
 REQUEST         = Topic("@cmd/request",      OperatorRequest, OPERATOR,             ("safety_supervisor",),          0.0, _C, True, "a person's command")
 REPLY           = Topic("safety/reply",      OperatorReply,   "safety_supervisor",  (OPERATOR,),                     0.0, _T, True, "the answer to it")
+NOTE            = Topic("operator/note",     OperatorNote,    OPERATOR,             (),                              0.0, _T, True, "a person's remark, for the recording")
 TRUTH           = Topic("sim/truth",         Truth,           "simulator",          (),                            100.0, _B, True, "the simulated world as it is")
 HEALTH          = {name: Topic(f"health/{name}", Heartbeat,   name,                 (OPERATOR,),                     2.0, _B, True, f"the word of {name} about itself") for name in SERVICES}
 # fmt: on
@@ -86,8 +90,10 @@ TOPICS: tuple[Topic[Message], ...] = (
     GUIDANCE,
     SAFETY_STATE,
     SETPOINT,
+    ENERGY,
     REQUEST,
     REPLY,
+    NOTE,
     TRUTH,
     *HEALTH.values(),
 )

@@ -1,15 +1,21 @@
 """`clew`: every command is one function elsewhere."""
 
+import signal
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from services import cli_sessions
+
 app = typer.Typer(
     no_args_is_help=True, add_completion=False, help="Clew guides a person by the hand with a tethered drone."
 )
 
+app.add_typer(cli_sessions.app)
+
 Profile = Annotated[str, typer.Option(help="a name in deploy/profiles, or a file")]
+Px4 = Annotated[str, typer.Option(help="PX4's program for a profile that simulates with it", envvar="PX4_BIN")]
 
 
 @app.command()
@@ -20,30 +26,70 @@ def demo(
     seed: Annotated[int | None, typer.Option(help="of all simulated noise")] = None,
     out: Annotated[Path, typer.Option(help="where session folders go")] = Path("sessions"),
     live: Annotated[bool, typer.Option(help="the live panel")] = True,
+    px4: Px4 = "",
+    subject: cli_sessions.Subject = "",
+    condition: cli_sessions.Condition = "",
 ) -> None:
     """Fly the experiment once, simulated, from take-off to landing, and show what happened."""
     from services import demo as demonstration
+    from services import start
 
-    raise typer.Exit(demonstration.demo(profile, path, person, seed, out, live))
+    choice = start.Choice(
+        profile=profile, path=path, person=person, seed=seed, px4=px4, subject=subject, condition=condition, out=out
+    )
+    raise typer.Exit(demonstration.demo(choice, live))
+
+
+@app.command(name="map")
+def stability_map(
+    vehicle: Annotated[str, typer.Option(help="names in deploy/vehicles, or files, by commas")] = "medium,light",
+    ratio: Annotated[str, typer.Option(help="virtual masses M_A/m_R")] = "0.53,0.67,0.8,0.9,1,1.33,2",
+    k_c: Annotated[str, typer.Option(help="cable stiffness, N/m; 50..400 for five values")] = "50,100,200,400",
+    observer_hz: Annotated[str, typer.Option(help="bandwidth of the wrench observer, Hz")] = "8",
+    delay_ms: Annotated[str, typer.Option(help="each way between autopilot and companion, ms")] = "8",
+    d_c: Annotated[float, typer.Option(help="damping of the cable, N s/m")] = 1.0,
+    seconds: Annotated[float, typer.Option(help="flight of each cell")] = 20.0,
+    profile: Profile = "demo",
+    out: Annotated[Path, typer.Option(help="where figure and cells go")] = Path("stability"),
+) -> None:
+    """Which virtual masses a vehicle that lags can fly on which cables."""
+    from services.campaign import stability_map
+
+    asked = stability_map.Asked(vehicle, ratio, k_c, observer_hz, delay_ms, d_c, seconds, profile)
+    raise typer.Exit(stability_map.run(asked, out))
 
 
 @app.command()
-def run(service: str, profile: Profile = "demo") -> None:
+def run(service: str, profile: Profile = "demo", px4: Px4 = "") -> None:
     """Run one service in the foreground."""
     from services import start
 
-    raise typer.Exit(start.run_by_hand(service, profile))
+    raise typer.Exit(start.run_by_hand(service, profile, px4))
 
 
 @app.command()
 def up(
     profile: Annotated[str, typer.Argument(help="a name in deploy/profiles, or a file")] = "demo",
     out: Path = Path("sessions"),
+    px4: Px4 = "",
+    subject: cli_sessions.Subject = "",
+    condition: cli_sessions.Condition = "",
 ) -> None:
     """Run all services of a profile until Ctrl-C."""
     from services import start
 
-    raise typer.Exit(start.up(profile, out))
+    raise typer.Exit(start.up(start.Choice(profile=profile, px4=px4, subject=subject, condition=condition, out=out)))
+
+
+@app.command()
+def preflight(
+    profile: Profile = "demo",
+    fix: Annotated[bool, typer.Option("--fix", help="set the autopilot's parameters as the profile has them")] = False,
+) -> None:
+    """What stands against a flight, in the order in which to mend it; the system must not run meanwhile."""
+    from services import preflight as checks
+
+    raise typer.Exit(checks.preflight(profile, fix))
 
 
 @app.command()
@@ -56,22 +102,28 @@ def topics(profile: Profile = "demo") -> None:
 
 @app.command()
 def echo(
-    topic: str, profile: Profile = "demo", count: Annotated[int, typer.Option("-n", help="stop after so many")] = 0
+    topic: str,
+    profile: Profile = "demo",
+    count: Annotated[int, typer.Option("-n", help="stop after so many")] = 0,
+    replay: cli_sessions.Replay = False,
 ) -> None:
     """Print the messages of a topic as JSON, one a line."""
     from services import look
 
-    raise typer.Exit(look.echo(topic, profile, count))
+    raise typer.Exit(look.echo(topic, profile, count, replay=replay))
 
 
 @app.command()
 def hz(
-    topics: Annotated[list[str] | None, typer.Argument()] = None, profile: Profile = "demo", seconds: float = 2.0
+    topics: Annotated[list[str] | None, typer.Argument()] = None,
+    profile: Profile = "demo",
+    seconds: float = 2.0,
+    replay: cli_sessions.Replay = False,
 ) -> None:
     """The rate at which topics arrive, beside the table's; all of them by default."""
     from services import look
 
-    raise typer.Exit(look.hz(topics or [], profile, seconds))
+    raise typer.Exit(look.hz(topics or [], profile, seconds, replay=replay))
 
 
 @app.command()
@@ -80,6 +132,17 @@ def status(profile: Profile = "demo") -> None:
     from services import look
 
     raise typer.Exit(look.status(profile))
+
+
+@app.command()
+def explain(
+    session: Annotated[Path, typer.Argument(help="a recording: session.mcap")],
+    out: Annotated[Path | None, typer.Option(help="where energy.png goes; beside the recording by default")] = None,
+) -> None:
+    """Where a session's energy went: V, its rate, and the balance at each port."""
+    from services import explain as explanation
+
+    raise typer.Exit(explanation.explain(session, out))
 
 
 @app.command()
@@ -128,7 +191,8 @@ def campaign(
 
 
 def main() -> None:
-    """The console script."""
+    """The console script. Ctrl-C counts also where a script that put it in the background had it ignored."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     app()
 
 

@@ -12,16 +12,16 @@ from rich.live import Live
 from schemas.safety import Action, Phase, SafetyState
 from schemas.topics import SAFETY_STATE
 from services import report
-from services.config import Config, ConfigError, load
+from services.config import Config, ConfigError
 from services.operator import Operator, operator_node
 from services.panel import Watch, line, render
-from services.recorder import figures, reading, summary
+from services.recorder import figures, page, reading, summary
 from services.runtime.clock import MonotonicClock
 from services.runtime.launcher import ServiceDied
 from services.runtime.node import Node
 from services.runtime.readers import Latest
 from services.runtime.zenoh_bus import open_bus
-from services.start import bus_config, launch_all, new_session
+from services.start import Choice, bus_config, launch_all
 
 TIME_LIMIT_S = 130.0
 LIVE_HZ = 8.0
@@ -31,16 +31,15 @@ class DemoFailed(RuntimeError):
     """The flight could not be begun or did not end; the text says why."""
 
 
-def demo(profile: str, path: str, person: str, seed: int | None, out: Path, live: bool) -> int:
+def demo(choice: Choice, live: bool) -> int:
     """Fly, then report. Returns the exit code: 0 when the flight met its limits, 1 when not, 2 for bad configuration."""
     console = Console()
     try:
-        config = load(profile, path=path, person=person, seed=seed)
-        folder = new_session(out)
+        config = choice.config()
     except (ConfigError, OSError) as error:
         print(error, file=sys.stderr)  # noqa: T201
         return 2
-    config = config.model_copy(update={"session_dir": str(folder.resolve())})
+    folder = Path(os.path.relpath(config.session_dir))
     try:
         asyncio.run(fly(config, console, live=live))
     except (DemoFailed, ServiceDied, TimeoutError) as error:
@@ -58,6 +57,7 @@ def tell(folder: Path, console: Console) -> int:
     result = summary.summarise(session)
     (folder / "summary.json").write_text(result.to_json())
     figures.draw_all(session, folder)
+    page.write_page([session], folder / "report.html")
     report.show(result, folder, console)
     return 0 if result.ok else 1
 

@@ -7,25 +7,20 @@ import time
 from collections import Counter
 from collections.abc import Awaitable, Callable
 
-from rich.console import Console
 from rich.table import Table
 
 from schemas.health import Heartbeat
 from schemas.safety import SafetyState
 from schemas.topics import BY_KEY, HEALTH, SAFETY_STATE, TOPICS
 from services.config import ConfigError, load
+from services.replay import replay_bus_config
 from services.runtime.clock import MonotonicClock
 from services.runtime.node import Node
 from services.runtime.zenoh_bus import ZenohBus, open_bus
 from services.start import bus_config
+from services.terminal import console
 
 LISTEN_S = 1.2
-
-
-def _console() -> Console:
-    """As wide as the terminal; in a pipe wide enough that nothing is cut."""
-    console = Console()
-    return console if console.is_terminal else Console(width=200)
 
 
 def topics() -> None:
@@ -35,10 +30,10 @@ def topics() -> None:
         rate = f"{t.rate_Hz:g}" if t.rate_Hz else "-"
         to, logged = ", ".join(t.subscribers), "yes" if t.logged else "no"
         table.add_row(t.key, t.type.__name__, rate, t.publisher, to, t.stance.name, logged, t.about)
-    _console().print(table)
+    console().print(table)
 
 
-def echo(topic: str, profile: str, count: int) -> int:
+def echo(topic: str, profile: str, count: int, *, replay: bool = False) -> int:
     """Print messages until Ctrl-C, or `count` of them."""
     if topic not in BY_KEY:
         return _unknown(topic)
@@ -52,10 +47,10 @@ def echo(topic: str, profile: str, count: int) -> int:
                 break
         return 0
 
-    return _with_node(profile, follow)
+    return _with_node(profile, follow, replay=replay)
 
 
-def hz(keys: list[str], profile: str, seconds: float) -> int:
+def hz(keys: list[str], profile: str, seconds: float, *, replay: bool = False) -> int:
     """Count arrivals for `seconds` and print them beside the table's rates."""
     for key in keys:
         if key not in BY_KEY:
@@ -67,15 +62,17 @@ def hz(keys: list[str], profile: str, seconds: float) -> int:
             node.latest(topic)
         await asyncio.sleep(0.3)  # to be connected
         before, began = Counter(node.received), time.monotonic()
-        await asyncio.sleep(seconds)
+        while time.monotonic() - began < seconds:
+            await asyncio.sleep(min(0.5, seconds))
+            sum(node.received.values())  # empties the mailboxes, which hold a few seconds
         took, arrived = time.monotonic() - began, Counter(node.received) - before
         table = Table("topic", "Hz", "table's Hz", "publisher")
         for topic in chosen:
             table.add_row(topic.key, f"{arrived[topic.key] / took:.1f}", f"{topic.rate_Hz:g}", topic.publisher)
-        _console().print(table)
+        console().print(table)
         return 0
 
-    return _with_node(profile, measure)
+    return _with_node(profile, measure, replay=replay)
 
 
 def status(profile: str) -> int:
@@ -89,9 +86,9 @@ def status(profile: str) -> int:
         table = Table("service", "present", "loop Hz", "late p99 ms", "missed", "cpu %", "rejected", "status")
         for name, heart in hearts.items():
             table.add_row(name, "yes" if name in alive else "NO", *_health(heart.value))
-        console = _console()
-        console.print(table)
-        console.print(_verdict(safety.value))
+        screen = console()
+        screen.print(table)
+        screen.print(_verdict(safety.value))
         return 0 if set(hearts) <= alive else 1
 
     return _with_node(profile, listen)
@@ -117,8 +114,8 @@ def _verdict(state: SafetyState | None) -> str:
     return f"phase {state.phase}, level {state.level.name.lower()}, permit {state.permit}: {why}"
 
 
-def _with_node(profile: str, use: Callable[[Node, ZenohBus], Awaitable[int]]) -> int:
-    """Run `use` with an observer on the profile's bus."""
+def _with_node(profile: str, use: Callable[[Node, ZenohBus], Awaitable[int]], *, replay: bool = False) -> int:
+    """Run `use` with an observer on the profile's bus, or on that of a replay."""
     try:
         config = load(profile)
     except ConfigError as error:
@@ -127,7 +124,7 @@ def _with_node(profile: str, use: Callable[[Node, ZenohBus], Awaitable[int]]) ->
     name = f"look-{os.getpid()}"
 
     async def main() -> int:
-        with open_bus(bus_config(config), name) as bus:
+        with open_bus(replay_bus_config() if replay else bus_config(config), name) as bus:
             return await use(Node(name, bus, MonotonicClock(), observer=True), bus)
 
     try:

@@ -8,18 +8,10 @@ from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from services.recorder.numbers import BY_KEY
 from services.recorder.summary import Check, Spread, Summary
 
 Row = tuple[str, str, str]
-
-_NAMES = {
-    "path_error.mean_m": ("path error, mean", 100.0, "cm"),
-    "path_error.max_m": ("path error, largest", 100.0, "cm"),
-    "end_error_m": ("from the end of the path", 100.0, "cm"),
-    "slack_fraction": ("cable slack, of phase 2", 100.0, "%"),
-    "hand_force.max_n": ("force on the hand, largest", 1.0, "N"),
-    "messages_lost": ("messages lost", 1.0, ""),
-}
 
 
 def show(summary: Summary, folder: Path, console: Console) -> None:
@@ -43,7 +35,7 @@ def report(summary: Summary) -> RenderableType:
 
 
 def _checked(check: Check) -> Row:
-    name, factor, unit = _NAMES[check.name]
+    _, name, factor, unit, _ = BY_KEY[check.name]
     return name, _quantity(check.value, factor, unit), _quantity(check.limit, factor, unit, ".3g")
 
 

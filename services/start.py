@@ -5,6 +5,7 @@ import importlib
 import sys
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
@@ -13,6 +14,26 @@ from services.config import Config, ConfigError, load
 from services.runtime.bus_config import BusConfig, default_run_dir
 from services.runtime.launcher import Launched, ServiceDied, launch
 from services.runtime.process import serve
+
+
+@dataclass(frozen=True, kw_only=True)
+class Choice:
+    """What a user chooses for a run; names are those of deploy/ or files."""
+
+    profile: str
+    path: str = ""
+    person: str = ""
+    seed: int | None = None
+    px4: str = ""
+    subject: str = ""
+    condition: str = ""
+    out: Path = Path("sessions")
+
+    def config(self) -> Config:
+        """Validated, with a new session folder. Raises ConfigError, OSError."""
+        config = load(self.profile, path=self.path, person=self.person, seed=self.seed, px4=self.px4)
+        folder = str(new_session(self.out).resolve())
+        return config.model_copy(update={"subject": self.subject, "condition": self.condition, "session_dir": folder})
 
 
 def bus_config(config: Config) -> BusConfig:
@@ -57,12 +78,12 @@ async def launch_all(config: Config, timeout_s: float = 30.0) -> AsyncGenerator[
         yield launched
 
 
-def run_by_hand(name: str, profile: str) -> int:
+def run_by_hand(name: str, profile: str, px4: str = "") -> int:
     """`clew run`: one service in the foreground; 2 for bad configuration or a name that does not exist."""
     try:
         if name not in SERVICES:
             raise ConfigError(f"service {name!r}: must be one of {', '.join(SERVICES)}")
-        config = load(profile)
+        config = load(profile, px4=px4)
     except ConfigError as error:
         print(error, file=sys.stderr)  # noqa: T201
         return 2
@@ -71,14 +92,13 @@ def run_by_hand(name: str, profile: str) -> int:
     return run_service(name, config)
 
 
-def up(profile: str, out: Path) -> int:
+def up(choice: Choice) -> int:
     """`clew up`: all services of a profile, until Ctrl-C or until one ends."""
     try:
-        config = load(profile)
-    except ConfigError as error:
+        config = choice.config()
+    except (ConfigError, OSError) as error:
         print(error, file=sys.stderr)  # noqa: T201
         return 2
-    config = config.model_copy(update={"session_dir": str(new_session(out).resolve())})
 
     async def stay() -> str:
         async with launch_all(config) as launched:

@@ -13,7 +13,8 @@ from services.campaign.batch import BATCH, Plan
 from services.campaign.robot import ROBOTS
 from services.campaign.statistics import Result
 from services.campaign.walk import Controller
-from services.config import ConfigError, find, load, read_toml
+from services.config import ConfigError, load
+from services.profile_file import find, read
 
 DURATION_MAX_S = 3600.0
 
@@ -103,7 +104,7 @@ def _plan(options: Options, folder: Path) -> Plan:
         vary=options.vary,
         duration_s=options.seconds,
         batch=min(BATCH, share),
-        population=read_toml(file),
+        population=read(file),
         config=load(options.profile, path=options.path).model_dump(mode="json"),
     )
     batch.prepare(plan)

@@ -124,6 +124,11 @@ def u_A(p_ref: Array, c: Command, p: Admittance) -> Array:
     return vector(*Held(c, 0.0, p).u_A(components(p_ref))[0])
 
 
+def damping(state: State, c: Command, p: Admittance) -> Row:
+    """B_A by axes in N s/m, as it was in the step that led to `state`."""
+    return _by_axes(Held(c, 0.0, p), state.taut_s)
+
+
 def step(
     state: State, f_c: Array, c: Command, slack: Scalar, dt: Scalar, z_max_m: float, p: Admittance
 ) -> tuple[State, Array]:
@@ -135,8 +140,8 @@ def step(
     held = Held(c, dt, p)
     moved = move(state, f_c, held, slack, z_max_m)
     u, pull, v = held.u_A(components(moved.p))[0], components(f_c), components(moved.v)
-    b, b_z = held.damping(False), held.damping(moved.taut_s < p.slack_keep_s)
-    a = ((u_i - f - b_i * v_i) / p.M_A_kg for u_i, f, b_i, v_i in zip(u, pull, (b, b, b_z), v, strict=True))
+    b = _by_axes(held, moved.taut_s)
+    a = ((u_i - f - b_i * v_i) / p.M_A_kg for u_i, f, b_i, v_i in zip(u, pull, b, v, strict=True))
     return State(moved.p, moved.v, vector(*a), moved.taut_s), vector(*u)
 
 
@@ -243,6 +248,12 @@ def _either(flag: Scalar, if_so: Callable[[], Answer], if_not: Callable[[], Answ
     yes_and_no = zip(if_so(), if_not(), strict=True)
     moved, gained, kept, pushed = (choose(flag, yes, no) for yes, no in yes_and_no)
     return moved, gained, kept, pushed
+
+
+def _by_axes(held: Held, taut_s: Scalar) -> Row:
+    """b in N s/m: z is damped more for a while after the cable was slack (G7)."""
+    b = held.damping(False)
+    return b, b, held.damping(taut_s < held.p.slack_keep_s)
 
 
 def _response(a: Scalar, w2: Scalar, dt: Scalar) -> Row:

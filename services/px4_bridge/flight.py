@@ -4,7 +4,8 @@ Two ways of flying. In POSITION mode the reference walks to the supervisor's goa
 moves it: anchored over the start (WAIT; once the handle is held it rises until the cable is taut), guided (GUIDE), or
 giving way without any pull (EASE). The change between them is bumpless: each starts from the last reference sent, and the
 fed-forward cable force is ramped (G9). Without a fresh cable force the filter cannot fly: then the reference stops where it
-is, a little nearer to the hand.
+is, a little nearer to the hand. All that guidance puts into the filter is paid for from a tank (tank.py), and the books of
+the filter's ports are kept (energy.py); neither says anything of position mode.
 
 | paper | here | unit | frame |
 |---|---|---|---|
@@ -21,12 +22,14 @@ import numpy as np
 from schemas.safety import Permit
 from schemas.vehicle import SetpointKind
 from services.parameters import NonNegative, Positive, parameters
-from services.physics import Array, Z, norm
-from services.px4_bridge import admittance, approach
+from services.physics import Array, Row, Z, norm
+from services.px4_bridge import admittance, approach, energy, tank
 from services.px4_bridge import setpoint as setpoints
 from services.px4_bridge.admittance import Admittance, Command
 from services.px4_bridge.approach import Approach
+from services.px4_bridge.energy import Balance
 from services.px4_bridge.setpoint import Limits, Setpoint
+from services.px4_bridge.tank import Tank
 
 
 @parameters
@@ -45,6 +48,9 @@ class Flight:
     """Heading that the vehicle keeps, from x, anticlockwise."""
 
 
+_UNDAMPED = (0.0, 0.0, 0.0)
+
+
 class Params(NamedTuple):
     """All of the law's parameters."""
 
@@ -52,6 +58,7 @@ class Params(NamedTuple):
     admittance: Admittance
     approach: Approach
     limits: Limits
+    tank: Tank
 
 
 class Force(NamedTuple):
@@ -82,6 +89,14 @@ class Input(NamedTuple):
     guidance: Guidance | None
 
 
+class Port(NamedTuple):
+    """What the filter's ports have passed, what guidance may still spend, and B_A by axes in N s/m (0: no filter)."""
+
+    tank: tank.State
+    balance: Balance
+    damping: Row
+
+
 class State(NamedTuple):
     """The filter is the reference in every mode; `hold` is where height is kept while nobody holds the handle."""
 
@@ -92,6 +107,7 @@ class State(NamedTuple):
     feed_forward: float
     hold: Array
     u_A: Array
+    port: Port
 
 
 class Output(NamedTuple):
@@ -104,9 +120,10 @@ class Output(NamedTuple):
     feed_forward: float
 
 
-def initial(p_R: Array) -> State:
+def initial(p_R: Array, p: Params) -> State:
     """On the ground or in the air, at rest at `p_R` (3,) m."""
-    return State(SetpointKind.NONE, admittance.engage(p_R), p_R, np.zeros(3), 0.0, p_R, np.zeros(3))
+    port = Port(tank.charged(p.tank), Balance(), _UNDAMPED)
+    return State(SetpointKind.NONE, admittance.engage(p_R), p_R, np.zeros(3), 0.0, p_R, np.zeros(3), port)
 
 
 def step(state: State, x: Input, dt: float, p: Params) -> tuple[State, Output]:
@@ -132,12 +149,12 @@ def _kind(x: Input) -> SetpointKind:
 
 
 def _change(state: State, kind: SetpointKind, p: Params) -> State:
-    """The new way of flying begins at the reference that was flown last."""
-    reference = state.filter
+    """The new way of flying begins at the reference that was flown last; engaged from position mode, with a full tank."""
+    reference, port = state.filter, state.port
     if kind is SetpointKind.ADMITTANCE and state.kind in (SetpointKind.POSITION, SetpointKind.NONE):
-        reference = admittance.engage(reference.p)
+        reference, port = admittance.engage(reference.p), port._replace(tank=tank.charged(p.tank))
     hold = reference.p - _slackening(state, p) if kind is SetpointKind.EASE else reference.p
-    return state._replace(kind=kind, filter=reference, hold=hold)
+    return state._replace(kind=kind, filter=reference, hold=hold, port=port)
 
 
 def _slackening(state: State, p: Params) -> Array:
@@ -152,19 +169,25 @@ def _approach(state: State, x: Input, dt: float, p: Params) -> State:
     goal, speed = (x.goal, x.speed_mps) if x.permit is Permit.POSITION else (state.hold, 0.3)
     at, a = approach.step(approach.State(state.filter.p, state.filter.v), goal, speed, dt, p.approach)
     moved = state.filter._replace(p=at.p, v=at.v, a=a)
-    return state._replace(filter=moved, u_A=np.zeros(3), hold=at.p if x.permit is Permit.POSITION else state.hold)
+    balance = energy.hand_over(state.port.balance, energy.kinetic(at.v, p.admittance.M_A_kg))
+    port = state.port._replace(balance=balance, damping=_UNDAMPED)
+    hold = at.p if x.permit is Permit.POSITION else state.hold
+    return state._replace(filter=moved, u_A=np.zeros(3), hold=hold, port=port)
 
 
 def _filter(state: State, x: Input, p: Params) -> State:
-    """The admittance filter, once for each force sample since the last tick."""
+    """The admittance filter behind its tank, once for each force sample since the last tick."""
     command, hold = _command(state, x, p)
     reference, u_A, f_hat = state.filter, state.u_A, state.f_hat
+    left, balance = state.port.tank, state.port.balance
     for force in x.forces:
         f_hat = force.f_c
-        reference, u_A = admittance.step(
-            reference, f_hat, command, force.slack, force.dt_s, p.flight.ceiling_m, p.admittance
+        left, reference, u_A, through = tank.step(
+            left, reference, f_hat, command, force.slack, force.dt_s, p.flight.ceiling_m, p.admittance, p.tank
         )
-    return state._replace(filter=reference, u_A=u_A, f_hat=f_hat, hold=hold)
+        balance = energy.add(balance, through, energy.kinetic(reference.v, p.admittance.M_A_kg))
+    port = Port(left, balance, admittance.damping(reference, command, p.admittance))
+    return state._replace(filter=reference, u_A=u_A, f_hat=f_hat, hold=hold, port=port)
 
 
 def _command(state: State, x: Input, p: Params) -> tuple[Command, Array]:

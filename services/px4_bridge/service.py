@@ -9,9 +9,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from schemas.energy import EnergyBalance
 from schemas.message import Quaternion, Vec3
 from schemas.safety import Permit, Phase
-from schemas.topics import CABLE_FORCE, GUIDANCE, ROBOT_POSE, SAFETY_STATE, SETPOINT, VEHICLE_IMU, VEHICLE_STATE
+from schemas.topics import (
+    CABLE_FORCE,
+    ENERGY,
+    GUIDANCE,
+    ROBOT_POSE,
+    SAFETY_STATE,
+    SETPOINT,
+    VEHICLE_IMU,
+    VEHICLE_STATE,
+)
 from schemas.vehicle import FlightMode, SetpointKind, VehicleImu, VehicleState
 from schemas.vehicle import Setpoint as SetpointMessage
 from services.config import Config
@@ -20,7 +30,7 @@ from services.px4_bridge.flight import Force, Guidance
 from services.px4_bridge.orders import Order
 from services.px4_bridge.telemetry import ImuSample, VehicleSample
 from services.px4_bridge.vehicle import MavsdkVehicle, Vehicle, VehicleError
-from services.runtime.node import Node, used
+from services.runtime.node import Node, Tick, used
 from services.runtime.pace import Pace
 
 ORDERS_RATE_HZ = 5.0
@@ -56,12 +66,18 @@ class Bridge:
     def __init__(self, node: Node, config: Config, vehicle: Vehicle) -> None:
         self._node, self._config, self._vehicle = node, config, vehicle
         self._params = flight.Params(
-            config.px4_bridge.flight, config.px4_bridge.admittance, config.px4_bridge.approach, config.px4_bridge.limits
+            config.px4_bridge.flight,
+            config.px4_bridge.admittance,
+            config.px4_bridge.approach,
+            config.px4_bridge.limits,
+            config.px4_bridge.tank,
         )
         self._safety, self._guidance = node.latest(SAFETY_STATE), node.latest(GUIDANCE)
         self._forces = node.queue(CABLE_FORCE)
         self._word = Word()
-        self._streaming_s = 0.0
+        self._told: VehicleState | None = None
+        self._pace = Pace(VEHICLE_STATE.rate_Hz)
+        self._flown, self._streaming_s = orders.Flown.NOT_YET, 0.0
         self._trouble = ""
 
     async def relay_imu(self) -> None:
@@ -80,24 +96,35 @@ class Bridge:
 
     async def stream_setpoints(self) -> None:
         """The filter on each force sample, a set-point on each tick; nothing repeats either."""
-        states, sent = self._node.publisher(VEHICLE_STATE), self._node.publisher(SETPOINT)
+        sent, balances = self._node.publisher(SETPOINT), self._node.publisher(ENERGY)
+        balance_due = Pace(ENERGY.rate_Hz)
         state: flight.State | None = None
-        last_force_ns, pace = self._node.clock.now_ns(), Pace(VEHICLE_STATE.rate_Hz)
+        last_force_ns = 0
         async for tick in self._node.ticks(SETPOINT.rate_Hz):
-            robot = self._vehicle.sample
-            if pace.due(tick.stamp_ns):
-                states.publish(_vehicle_state(robot))
+            robot = self.report_vehicle(tick)
             self._listen()
             forces, last_force_ns = self._new_forces(last_force_ns)
-            if not orders.streams(self._word.permit, self._word.phase, robot.armed, robot.mode):
+            self._flown = orders.flown(self._flown, self._word.permit, self._word.phase, robot.armed, robot.mode)
+            if not orders.streams(self._word.permit, self._word.phase, robot.armed, robot.mode, self._flown):
                 state, self._streaming_s = None, 0.0
                 continue
-            state = state or flight.initial(robot.p_W)
+            if state is None:  # what was felt before counts for nothing
+                state, forces = flight.initial(robot.position_m.array(), self._params), []
             state, output = flight.step(state, self._input(forces), tick.dt_s, self._params)
-            message = self._message(output, last_force_ns)
+            message = self._message(output, last_force_ns, tick, robot.seq)
             self._vehicle.send_setpoint(output.sent.p, output.sent.v, output.sent.a, message.yaw_rad)
             sent.publish(message)
+            if balance_due.due(tick.stamp_ns):
+                balances.publish(_balance(state.port, message))
             self._streaming_s += tick.dt_s
+
+    def report_vehicle(self, tick: Tick) -> VehicleState:
+        """Say the vehicle's state at its rate, and at once where its mode changed; the last that was said."""
+        sample, told = self._vehicle.sample, self._told
+        due = self._pace.due(tick.stamp_ns)
+        if told is None or due or (sample.armed, sample.mode) != (told.armed, told.mode):
+            told = self._told = self._node.publisher(VEHICLE_STATE).publish(_vehicle_state(sample))
+        return told
 
     async def give_orders(self) -> None:
         """Mode and arming, one request at a time; a refusal is tried again and told."""
@@ -155,12 +182,12 @@ class Bridge:
             guidance=Guidance(command.p_R_d_m.array(), command.f_d_N.array(), command.scale) if command else None,
         )
 
-    def _message(self, output: flight.Output, force_ns: int) -> SetpointMessage:
-        now_ns = self._node.clock.now_ns()
+    def _message(self, output: flight.Output, force_ns: int, tick: Tick, robot_seq: int) -> SetpointMessage:
+        now_ns = self._node.turn.now_ns()
         complies = output.kind is not SetpointKind.POSITION
         return SetpointMessage(
             stamp_ns=now_ns,
-            inputs=used(self._forces, self._guidance, self._safety),
+            inputs=used(self._forces, self._guidance, self._safety, tick=tick) | {VEHICLE_STATE.key: robot_seq},
             kind=output.kind,
             position_m=Vec3.of(output.sent.p),
             velocity_mps=Vec3.of(output.sent.v),
@@ -169,8 +196,28 @@ class Bridge:
             u_R_mps2=Vec3.of(output.u_R),
             u_A_N=Vec3.of(output.u_A),
             feed_forward=output.feed_forward,
-            age_s=(now_ns - force_ns) * 1e-9 if complies else 0.0,
+            age_s=(now_ns - force_ns) * 1e-9 if complies and force_ns else 0.0,
         )
+
+
+def _balance(port: flight.Port, sent: SetpointMessage) -> EnergyBalance:
+    """The books as they stood when the set-point left."""
+    balance = port.balance
+    return EnergyBalance(
+        stamp_ns=sent.stamp_ns,
+        inputs=sent.inputs,
+        stored_J=balance.stored_J,
+        handed_J=balance.handed_J,
+        guidance_J=balance.guidance_J,
+        height_J=balance.height_J,
+        cable_J=balance.cable_J,
+        dissipated_J=balance.dissipated_J,
+        residual_J=balance.residual_J,
+        created_J=balance.created_J,
+        tank_J=port.tank.level_J,
+        tank_scale=port.tank.scale,
+        damping_Ns_per_m=Vec3.of(port.damping),
+    )
 
 
 def _imu(sample: ImuSample) -> VehicleImu:

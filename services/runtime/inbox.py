@@ -1,13 +1,12 @@
 """The border where bytes become messages: one inbox for each topic that a node reads, each payload decoded once."""
 
-import asyncio
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
 from schemas.message import Message
 from schemas.topics import Topic
 from services.runtime.bus import Bus, Mailbox, MAX_PAYLOAD_bytes
-from services.runtime.clock import Clock
+from services.runtime.turn import Turn
 
 M = TypeVar("M", bound=Message)
 
@@ -21,9 +20,9 @@ class Inbox(Generic[M]):
     It looks into the bus's mailbox when it is read, once in each turn of the loop; `wake` makes the bus call instead.
     """
 
-    def __init__(self, topic: Topic[M], bus: Bus, clock: Clock, reject: Callable[[str, str], None]) -> None:
+    def __init__(self, topic: Topic[M], bus: Bus, turn: Turn, reject: Callable[[str, str], None]) -> None:
         self.topic = topic
-        self.clock = clock
+        self.turn = turn
         self.message: M | None = None
         self.received_ns = 0
         self.received = 0
@@ -32,7 +31,7 @@ class Inbox(Generic[M]):
         self.reject = reject
         self._bus = bus
         self._mailbox: Mailbox | None = None
-        self._looked = False
+        self._looked = -1
         self._wakes = False
 
     def listen(self) -> None:
@@ -42,15 +41,12 @@ class Inbox(Generic[M]):
 
     def look(self) -> None:
         """Take what has arrived; nothing more until the loop's next turn."""
-        if self._looked or self._wakes or self._mailbox is None:
+        if self._looked == self.turn.number or self._wakes or self._mailbox is None:
             return
-        self._looked = True
-        asyncio.get_running_loop().call_soon(self._look_again)
+        self._looked = self.turn.number
+        self.turn.now_ns()  # a turn that has been looked into must come to an end
         for key, payload in self._mailbox():
             self.on_payload(key, payload)
-
-    def _look_again(self) -> None:
-        self._looked = False
 
     def wake(self) -> None:
         """From now on the bus calls on each arrival."""
@@ -61,7 +57,7 @@ class Inbox(Generic[M]):
 
     def on_payload(self, key: str, payload: bytes) -> None:
         """Take what the bus delivers; refuse what is not a new, well-formed message of this topic."""
-        now_ns = self.clock.now_ns()
+        now_ns = self.turn.now_ns()
         try:
             message = self._decode(key, payload)
             self._check_order(message, now_ns)

@@ -8,9 +8,10 @@ import asyncio
 from collections import deque
 from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar
 
-from schemas.message import Message
+from schemas.message import MISSED, TICK, Message
 from schemas.topics import Topic
 from services.runtime.inbox import Inbox
+from services.runtime.ticker import Tick
 
 if TYPE_CHECKING:
     from services.runtime.heart import Heart
@@ -24,7 +25,7 @@ class Latest(Generic[M]):
     def __init__(self, inbox: Inbox[M]) -> None:
         self.topic: Topic[M] = inbox.topic
         self._inbox = inbox
-        self._clock = inbox.clock
+        self._turn = inbox.turn
         self._timeout_ns = inbox.topic.timeout_s * 1e9
         inbox.listen()
 
@@ -36,7 +37,7 @@ class Latest(Generic[M]):
 
     @property
     def received_ns(self) -> int:
-        """When it was first seen here, on the own clock; 0 before the first."""
+        """The turn in which it was first seen here, on the own clock; 0 before the first."""
         self._inbox.look()
         return self._inbox.received_ns
 
@@ -49,7 +50,7 @@ class Latest(Generic[M]):
         message = self.message
         if message is None or not message.valid:
             return False
-        now_ns = self._clock.now_ns()
+        now_ns = self._turn.now_ns()
         return now_ns - self._inbox.received_ns < self._timeout_ns and abs(now_ns - message.stamp_ns) < self._timeout_ns
 
     @property
@@ -59,9 +60,9 @@ class Latest(Generic[M]):
 
     @property
     def age_s(self) -> float:
-        """Of the content: now - stamp; infinite before the first message."""
+        """Of the content: now - stamp, 0 for what was said since the turn began; infinite before the first message."""
         message = self.message
-        return (self._clock.now_ns() - message.stamp_ns) * 1e-9 if message else float("inf")
+        return max(self._turn.now_ns() - message.stamp_ns, 0) * 1e-9 if message else float("inf")
 
 
 class Queue(Latest[M]):
@@ -130,6 +131,11 @@ class Stream(Queue[M]):
             self._waiter.set_result(None)
 
 
-def used(*readers: Latest[Any]) -> dict[str, int]:
-    """The seq of the message that each reader holds, by topic: what goes into a message's `inputs`."""
-    return {reader.topic.key: reader.message.seq for reader in readers if reader.message}
+def used(*readers: Latest[Any], tick: Tick | None = None) -> dict[str, int]:
+    """What goes into a message's `inputs`: the seq of the message that each reader holds, by topic, and the tick."""
+    inputs = {reader.topic.key: reader.message.seq for reader in readers if reader.message}
+    if tick is not None:
+        inputs[TICK] = tick.n + 1
+        if tick.missed:
+            inputs[MISSED] = tick.missed
+    return inputs

@@ -9,7 +9,7 @@ import os
 import time
 from collections import deque
 from collections.abc import Callable, Generator
-from contextlib import contextmanager, nullcontext
+from contextlib import ExitStack, contextmanager, nullcontext
 from typing import Any
 
 import zenoh
@@ -52,6 +52,11 @@ class ZenohBus:
         """Samples lost between Zenoh and a loop that was stuck."""
         return sum(relay.dropped for relay in self._relays)
 
+    def close(self) -> None:
+        """When the session is closed."""
+        for relay in self._relays:
+            relay.close()
+
     def put(self, key: str, payload: bytes, stance: Stance) -> None:
         """Send over a publisher that is declared on first use."""
         publisher = self._publishers.get(key)
@@ -82,6 +87,7 @@ class ZenohBus:
         """Call `on_change(name, alive)` in the running loop for each bus name that is there, comes or goes."""
         loop = asyncio.get_running_loop()
         relay = _Relay(loop, lambda name, sample: on_change(name, sample.kind == SampleKind.PUT))
+        self._relays.append(relay)
         token = f"{self._prefix}@alive/"
         handler = self._into(relay, token)
         self._session.liveliness().declare_subscriber(f"{token}*", handler, history=True)
@@ -107,24 +113,36 @@ class ZenohBus:
 
 
 class _Relay:
-    """From Zenoh's thread into the loop: bounded, and with at most one wake-up under way."""
+    """From Zenoh's thread into the loop: bounded, and with at most one wake-up under way.
+
+    An eventfd wakes the loop sooner than call_soon_threadsafe, which makes a handle and writes to a socket.
+    """
 
     def __init__(self, loop: asyncio.AbstractEventLoop, deliver: Callable[[str, Sample], None]) -> None:
         self.dropped = 0
         self._loop = loop
+        self._fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._deliver = deliver
         self._waiting: deque[tuple[str, Sample]] = deque(maxlen=DEPTH)
         self._woken = False
+        loop.add_reader(self._fd, self._empty)
 
     def post(self, key: str, sample: Sample) -> None:
         """In Zenoh's thread: must never wait."""
         self.dropped += len(self._waiting) == DEPTH
         self._waiting.append((key, sample))
-        if not self._woken and not self._loop.is_closed():
+        if not self._woken:
             self._woken = True
-            self._loop.call_soon_threadsafe(self._empty)
+            os.eventfd_write(self._fd, 1)
+
+    def close(self) -> None:
+        """After the session: nobody posts any more."""
+        if not self._loop.is_closed():
+            self._loop.remove_reader(self._fd)
+        os.close(self._fd)
 
     def _empty(self) -> None:
+        os.eventfd_read(self._fd)
         self._woken = False  # first: what is posted from here on wakes the loop again
         for _ in range(len(self._waiting)):
             self._deliver(*self._waiting.popleft())
@@ -142,12 +160,14 @@ def open_bus(config: BusConfig, name: str) -> Generator[ZenohBus]:
     """
     os.environ.setdefault("ZENOH_RUNTIME", RUNTIME)
     is_service = name in config.services
-    with (
-        claim(config, name) if is_service else nullcontext(),
-        zenoh.open(session_config(config, name)) as session,
-        session.liveliness().declare_token(f"{config.prefix}@alive/{name}"),
-    ):
-        yield ZenohBus(session, config)
+    with ExitStack() as stack:
+        stack.enter_context(claim(config, name) if is_service else nullcontext())
+        closing = stack.enter_context(ExitStack())  # what must outlive the session
+        session = stack.enter_context(zenoh.open(session_config(config, name)))
+        stack.enter_context(session.liveliness().declare_token(f"{config.prefix}@alive/{name}"))
+        bus = ZenohBus(session, config)
+        closing.callback(bus.close)
+        yield bus
 
 
 def session_config(config: BusConfig, name: str) -> zenoh.Config:

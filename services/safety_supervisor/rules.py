@@ -33,6 +33,8 @@ class Limits:
     """Vehicle's centre to hand."""
     bias_warn_N: Positive
     bias_hold_N: Positive
+    energy_created_warn_J: Positive
+    """By the filter out of nothing; its books close to rounding, so this is far above any error (energy.py)."""
     age_ease_s: Positive
     age_hold_s: Positive
     stall_s: Positive
@@ -46,6 +48,8 @@ class Facts(NamedTuple):
     """What the supervisor knows at one tick; ages are infinite where nothing has arrived."""
 
     handle_age_s: float
+    robot_pose_age_s: float
+    """Of what motion capture says; the autopilot's own position goes on without it, and drifts."""
     vehicle_age_s: float
     force_age_s: float
     guidance_age_s: float
@@ -59,6 +63,9 @@ class Facts(NamedTuple):
     above_ceiling_m: float
     """How far the robot is above hand plane + l̄ + margin; negative below."""
     bias_change_N: float
+    energy_created_J: float
+    tank_scale: float
+    """Part of the guiding force that the energy tank lets act."""
     battery_fraction: float
     stall_s: float
 
@@ -82,6 +89,8 @@ RULES: tuple[Rule, ...] = (
     Rule("vehicle_silent",    lambda f, p: f.vehicle_age_s > p.age_hold_s,          FLYING | {Phase.IDLE}, 0.0, Level.HOLD, "the vehicle's state is stale",             "check the link between bridge and autopilot"),
     Rule("handle_hidden",     lambda f, p: f.handle_age_s > p.age_ease_s,           PREPARED, 0.0, Level.EASE,  "the handle is not seen",                   "check its markers and the capture system"),
     Rule("handle_lost",       lambda f, p: f.handle_age_s > p.age_hold_s,           ENGAGED, 2.0, Level.HOLD,  "the handle has not been seen for long",    "check its markers and the capture system"),
+    Rule("robot_hidden",      lambda f, p: f.robot_pose_age_s > p.age_hold_s,       PREPARED, 0.5, Level.EASE, "the vehicle is not seen",                  "check its markers and the capture system"),
+    Rule("robot_lost",        lambda f, p: f.robot_pose_age_s > p.age_hold_s,       FLYING,  1.5, Level.LAND,  "the autopilot flies without motion capture", "let go of the handle: it lands"),
     Rule("force_silent",      lambda f, p: f.force_age_s > p.age_ease_s,            PREPARED, 0.0, Level.EASE,  "the force estimate is stale",              "check force_estimator and the IMU stream"),
     Rule("guidance_silent",   lambda f, p: f.guidance_age_s > p.age_ease_s,         PULLING, 0.0, Level.EASE,  "guidance is stale",                        "check guiding_controller and the radio"),
     Rule("setpoints_silent",  lambda f, p: f.setpoint_age_s > p.age_ease_s,         ENGAGED, 0.0, Level.EASE,  "no set-points leave the bridge",           "check px4_bridge"),
@@ -95,6 +104,8 @@ RULES: tuple[Rule, ...] = (
     Rule("outside",           lambda f, p: f.robot_outside_m > 0.0,                 FLYING,  0.1, Level.HOLD,  "the vehicle left the volume",              "guide it back or land"),
     Rule("bias_moving",       lambda f, p: f.bias_change_N > p.bias_warn_N,         ENGAGED, 0.5, Level.WARN,  "the force bias has moved since zeroing",   "zero again soon"),
     Rule("bias_moved",        lambda f, p: f.bias_change_N > p.bias_hold_N,         ENGAGED, 0.5, Level.HOLD,  "the force estimate cannot be trusted",     "land and zero again"),
+    Rule("energy_created",    lambda f, p: f.energy_created_J > p.energy_created_warn_J, ENGAGED, 0.0, Level.WARN, "the filter made energy out of nothing",  "land, and keep the recording"),
+    Rule("tank_empty",        lambda f, p: f.tank_scale < 1.0,                      PULLING, 0.0, Level.WARN,  "guidance has used up its energy",          "land; the next start fills the tank"),
     Rule("battery_low",       lambda f, p: f.battery_fraction < p.battery_warn_fraction, FLYING, 2.0, Level.WARN, "the battery is low",                   "finish soon"),
     Rule("battery_empty",     lambda f, p: f.battery_fraction < p.battery_land_fraction, FLYING, 2.0, Level.LAND, "the battery is empty",                 "change it"),
     Rule("host_stall",        lambda f, p: f.stall_s > p.stall_s,                   ENGAGED, 0.0, Level.EASE,  "this host took the processor away",        "stop what else runs on it"),

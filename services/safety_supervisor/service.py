@@ -9,10 +9,12 @@ from schemas.message import Vec3
 from schemas.safety import Action, Level, OperatorReply, OperatorRequest, Phase, SafetyState
 from schemas.topics import (
     CABLE_FORCE,
+    ENERGY,
     GUIDANCE,
     HANDLE_STATE,
     REPLY,
     REQUEST,
+    ROBOT_POSE,
     SAFETY_STATE,
     SETPOINT,
     VEHICLE_STATE,
@@ -21,7 +23,7 @@ from schemas.tracking import HandleSource
 from schemas.vehicle import FlightMode
 from services.config import Config
 from services.physics import Array, norm
-from services.runtime.node import Node, used
+from services.runtime.node import Node, Tick, used
 from services.runtime.readers import Latest
 from services.safety_supervisor import distances, held, phases, rules
 from services.safety_supervisor.plan import plan
@@ -33,15 +35,21 @@ class Senses:
 
     def __init__(self, node: Node) -> None:
         self.handle = node.latest(HANDLE_STATE)
+        self.robot_pose = node.latest(ROBOT_POSE)
         self.vehicle = node.latest(VEHICLE_STATE)
         self.force = node.latest(CABLE_FORCE)
         self.guidance = node.latest(GUIDANCE)
         self.setpoint = node.latest(SETPOINT)
+        self.energy = node.latest(ENERGY)
         self.requests = node.queue(REQUEST)
 
-    def inputs(self) -> dict[str, int]:
+    def inputs(self, tick: Tick) -> dict[str, int]:
         """What a verdict was made of."""
-        return used(self.handle, self.vehicle, self.force, self.guidance, self.setpoint, self.requests)
+        seen, told = (
+            (self.handle, self.robot_pose),
+            (self.vehicle, self.force, self.guidance, self.setpoint, self.energy),
+        )
+        return used(*seen, *told, self.requests, tick=tick)
 
 
 class Person(NamedTuple):
@@ -74,7 +82,7 @@ async def run(node: Node, config: Config) -> None:
         node.status = f"{state.phase} {state.why}".strip()
         out.publish(
             SafetyState(
-                inputs=senses.inputs(),
+                inputs=senses.inputs(tick),
                 phase=state.phase,
                 level=max(seen.level, state.operator_level),
                 permit=decision.permit,
@@ -110,6 +118,7 @@ def _observe(person: Person, senses: Senses, dt: float, config: Config) -> Perso
 def _facts(senses: Senses, person: Person, stall_s: float, config: Config) -> Facts:
     """What the rules are judged by; what is unknown is judged by its age, not by a guess."""
     hand, robot, force = senses.handle.message, senses.vehicle.message, senses.force.message
+    energy = senses.energy.message
     p, world = config.safety_supervisor, config.world
     p_R = robot.position_m.array() if robot else np.zeros(3)
     p_H = hand.position_m.array() if hand and hand.valid else p_R - np.array([0.0, 0.0, config.cable.rest_length_m])
@@ -126,6 +135,7 @@ def _facts(senses: Senses, person: Person, stall_s: float, config: Config) -> Fa
     pull = float(norm(force.force_N.array() - weight)) if force and person.held.held else 0.0
     return Facts(
         handle_age_s=_age_s(senses.handle),
+        robot_pose_age_s=_age_s(senses.robot_pose),
         vehicle_age_s=_age_s(senses.vehicle),
         force_age_s=_age_s(senses.force),
         guidance_age_s=_age_s(senses.guidance),
@@ -137,6 +147,8 @@ def _facts(senses: Senses, person: Person, stall_s: float, config: Config) -> Fa
         robot_outside_m=float(near.outside),
         above_ceiling_m=float(near.above),
         bias_change_N=force.bias_change_N if force else 0.0,
+        energy_created_J=energy.created_J if energy else 0.0,
+        tank_scale=energy.tank_scale if energy else 1.0,
         battery_fraction=robot.battery_fraction if robot else 1.0,
         stall_s=stall_s,
     )

@@ -4,7 +4,8 @@ import re
 
 import pytest
 
-from services.config import Config, ConfigError, deploy_folder, load
+from services.config import Config, ConfigError, load
+from services.profile_file import deploy_folder
 
 DEMO = (deploy_folder() / "profiles" / "demo.toml").read_text()
 PAPER = (deploy_folder() / "paths" / "paper.toml").read_text()
@@ -48,6 +49,7 @@ def test_paths_and_people_combine(path, person):
         ("[world]", "[word]\nx = 1\n[world]", "word", "", "not a known key"),
         ("b_A_Ns_per_m = 2.4", "M_A_kg = 0.5\nb_A_Ns_per_m = 2.4", "px4_bridge.admittance.M_A_kg", "0.5", "0.9"),
         ("handle_mass_kg = 0.03", "handle_mass_kg = 0.08", "handle_mass_kg", "0.08", "0.05"),
+        ("capacity_J = 8.0", "capacity_J = 5.0", "px4_bridge.tank.capacity_J", "5.0", "at least 6.13 J"),
         ('"recorder", "simulator"', '"recorder", "simulater"', "system.services", "simulater", "tracker"),
         ("volume_max_m = [5.0, 3.0, 3.0]", "volume_max_m = [1.0, 3.0, 3.0]", "path.waypoints_m", "", "outside"),
     ],

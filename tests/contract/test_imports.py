@@ -13,7 +13,18 @@ import services
 from schemas.topics import SERVICES
 
 ROOT = Path(__file__).parents[2]
-DEVICES = {"service", "sources", "vehicle", "vehicle_protocol", "mavlink", "mavlink_streams"}
+DEVICES = {
+    "service",
+    "sources",
+    "stage",
+    "vehicle",
+    "vehicle_protocol",
+    "mavlink",
+    "mavlink_streams",
+    "wire",
+    "px4_hil",
+    "px4_process",
+}
 LAW_FOLDERS = ("tracker", "force_estimator", "guiding_controller", "safety_supervisor", "px4_bridge", "simulator")
 LAWS = sorted(
     f"services.{folder}.{file.stem}"

@@ -45,7 +45,8 @@ def test_what_is_published_is_what_is_read():
         await asyncio.sleep(1.0)
         sent = tracker.publisher(HANDLE_STATE).publish(HANDLE)
         await asyncio.sleep(0.001)
-        assert reader.message == sent == HANDLE.model_copy(update={"seq": 1, "stamp_ns": START_ns + 1_000_000_000})
+        header = {"seq": 1, "stamp_ns": START_ns + 1_000_000_000, "said_ns": START_ns + 1_000_000_000}
+        assert reader.message == sent == HANDLE.model_copy(update=header)
         assert reader.value is reader.message
         assert used(reader) == {"handle/state": 1}
         assert guiding.received == {"handle/state": 1}

@@ -19,6 +19,7 @@ P = Limits(
     hand_clearance_m=0.6,
     bias_warn_N=0.3,
     bias_hold_N=0.6,
+    energy_created_warn_J=1e-6,
     age_ease_s=0.2,
     age_hold_s=1.0,
     stall_s=0.1,
@@ -28,6 +29,7 @@ P = Limits(
 )
 FINE = Facts(
     handle_age_s=0.0,
+    robot_pose_age_s=0.0,
     vehicle_age_s=0.0,
     force_age_s=0.0,
     guidance_age_s=0.0,
@@ -39,10 +41,12 @@ FINE = Facts(
     robot_outside_m=-1.0,
     above_ceiling_m=-0.5,
     bias_change_N=0.0,
+    energy_created_J=0.0,
+    tank_scale=1.0,
     battery_fraction=1.0,
     stall_s=0.0,
 )
-WORST = Facts(9.0, 9.0, 9.0, 9.0, 9.0, False, 9.0, 0.0, 0.0, 1.0, 1.0, 9.0, 0.0, 9.0)
+WORST = Facts(9.0, 9.0, 9.0, 9.0, 9.0, 9.0, False, 9.0, 0.0, 0.0, 1.0, 1.0, 9.0, 9.0, 0.0, 0.0, 9.0)
 DT = 0.05
 NAMES = {rule.name: rule for rule in RULES}
 # One value on either side of each limit: what breaks exactly this rule (and those that a graver case of it implies).
@@ -50,6 +54,8 @@ CASES: dict[str, tuple[str, object, object, set[str]]] = {
     "vehicle_silent": ("vehicle_age_s", 0.99, 1.01, set()),
     "handle_hidden": ("handle_age_s", 0.19, 0.21, set()),
     "handle_lost": ("handle_age_s", 0.99, 1.01, {"handle_hidden"}),
+    "robot_hidden": ("robot_pose_age_s", 0.99, 1.01, {"robot_lost"}),
+    "robot_lost": ("robot_pose_age_s", 0.99, 1.01, {"robot_hidden"}),
     "force_silent": ("force_age_s", 0.19, 0.21, set()),
     "guidance_silent": ("guidance_age_s", 0.19, 0.21, set()),
     "setpoints_silent": ("setpoint_age_s", 0.19, 0.21, set()),
@@ -63,6 +69,8 @@ CASES: dict[str, tuple[str, object, object, set[str]]] = {
     "outside": ("robot_outside_m", -0.01, 0.01, set()),
     "bias_moving": ("bias_change_N", 0.29, 0.31, set()),
     "bias_moved": ("bias_change_N", 0.59, 0.61, {"bias_moving"}),
+    "energy_created": ("energy_created_J", 0.9e-6, 1.1e-6, set()),
+    "tank_empty": ("tank_scale", 1.0, 0.99, set()),
     "battery_low": ("battery_fraction", 0.31, 0.29, set()),
     "battery_empty": ("battery_fraction", 0.16, 0.14, {"battery_low"}),
     "host_stall": ("stall_s", 0.09, 0.11, set()),
@@ -199,6 +207,7 @@ AGE, LENGTH = st.floats(0.0, 3.0), st.floats(-1.0, 2.0)
 FACTS = st.builds(
     Facts,
     handle_age_s=AGE,
+    robot_pose_age_s=AGE,
     vehicle_age_s=AGE,
     force_age_s=AGE,
     guidance_age_s=AGE,
@@ -210,10 +219,12 @@ FACTS = st.builds(
     robot_outside_m=LENGTH,
     above_ceiling_m=LENGTH,
     bias_change_N=st.floats(0.0, 1.0),
+    energy_created_J=st.floats(0.0, 1e-5),
+    tank_scale=st.floats(0.0, 1.0),
     battery_fraction=st.floats(0.0, 1.0),
     stall_s=st.floats(0.0, 0.3),
 )
-SMALL_IS_BAD = {"head_clearance_m", "hand_clearance_m", "battery_fraction", "offboard"}
+SMALL_IS_BAD = {"head_clearance_m", "hand_clearance_m", "battery_fraction", "offboard", "tank_scale"}
 
 
 def worse(a: Facts, b: Facts) -> Facts:

@@ -19,7 +19,7 @@ from services.px4_bridge.vehicle_protocol import Vehicle, VehicleError
 from services.simulator.autopilot import Answer, AutopilotState, Input, Output, Pose, Sensors, Target
 from services.simulator.cascade import Setpoint
 from services.simulator.commander import Ack, Arm, Mode, Request, SetOrigin, SetParameter, Switch, Terminate
-from services.simulator.mavlink_streams import CUSTOM_MODE
+from services.simulator.mavlink_streams import CUSTOM_MODE, has_begun, pwm_us
 
 Array = NDArray[np.float64]
 
@@ -177,7 +177,7 @@ def _messages(
     ]
     if n % 250 == 1:
         messages.append(("BATTERY_STATUS", {"battery_remaining": round(100 * sensors.battery_fraction)}))
-    if n % 2 == 0 and state.has_position:
+    if n % 2 == 0 and has_begun(state):
         messages.append(("LOCAL_POSITION_NED", {"time_boot_ms": int(1000 * state.t_s)} | _position(state)))
     return [*messages, ("HIGHRES_IMU", _imu(state, sensors))]
 
@@ -185,7 +185,7 @@ def _messages(
 def _thrust(state: AutopilotState, p: telemetry.Vehicle) -> tuple[str, telemetry.Fields]:
     if p.thrust_source is ThrustSource.ATTITUDE_TARGET:
         return "ATTITUDE_TARGET", {"thrust": float(state.motors.mean())}
-    return "ACTUATOR_OUTPUT_STATUS", {"actuator": state.motors.tolist()}
+    return "ACTUATOR_OUTPUT_STATUS", {"actuator": pwm_us(state)}
 
 
 def _position(state: AutopilotState) -> dict[str, float]:

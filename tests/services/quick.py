@@ -13,7 +13,11 @@ SHORT_PATH = {
 
 def quick_config(person: str = "default") -> Config:
     """Guiding begins about 10 s after the start instead of 18."""
-    config = load("demo", person=person)
+    return quicker(load("demo", person=person))
+
+
+def quicker(config: Config) -> Config:
+    """The same changes to any profile."""
     supervisor, estimator = config.safety_supervisor, config.force_estimator
     times = replace(supervisor.times, settle_s=0.5, held_s=1.0, fast_mps=1.2, step_back_s=0.5)
     bias = replace(estimator.bias, tare_s=2.0, tare_std_max_N=0.6)
