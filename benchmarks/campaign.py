@@ -5,11 +5,13 @@
 
 import argparse
 import json
+import multiprocessing
 import resource
 import subprocess
 import sys
 import tempfile
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +24,7 @@ from services.config import load
 from services.profile_file import deploy_folder, read
 
 SIZES = (1, 3, 10, 30, 100, 300, 1000, 3000, 10_000, 30_000, 100_000)
+COUNT = 20_000_000
 WALKED_S = 12_000.0
 """So many seconds of walks in all are timed at each size, at least 1 s and at most 20 s each."""
 
@@ -85,6 +88,27 @@ def processes(jobs: int, people: int = 8000, seconds: float = 20.0) -> float:
         return time.perf_counter() - began
 
 
+def counting() -> float:
+    """How much faster two processes count than one: the most that two can gain, others on the machine included."""
+    with multiprocessing.get_context("spawn").Pool(2) as pool:
+        pool.map(_count, (1, 1), 1)
+        began = time.perf_counter()
+        pool.map(_count, (COUNT, COUNT), 1)
+        middle = time.perf_counter()
+        pool.map(_count, (COUNT,), 1)
+        return 2.0 * (time.perf_counter() - middle) / (middle - began)
+
+
+def _count(until: int) -> int:
+    return sum(1 for _ in range(until))
+
+
+def px4(people: int = 1000, seconds: float = 3.0) -> float:
+    """Times real time of the crowd behind PX4-like vehicles."""
+    ready = batch.prepare(replace(plan(people, seconds), robot="px4"))
+    return people * seconds / seconds_of(ready, slice(0, people))
+
+
 def draw(measured: list[tuple[int, float]], alone: float, path: Path) -> None:
     """Cost against the number of people, double logarithmic."""
     figure: Any = Figure(figsize=(6.0, 3.4), layout="constrained")
@@ -117,6 +141,8 @@ def main() -> None:
     )
     one, two = processes(1), processes(2)
     print(f"8 batches, 1 and 2 processes   {one:.1f} s and {two:.1f} s: {one / two:.2f} times as fast")
+    print(f"  bare counting, the same way  {counting():.2f} times as fast: what two processes gain on this machine now")
+    print(f"1,000 people, px4 robot        {px4():8.0f} x real time")
     measured = costs()
     print("people  µs per person's second  x real time")
     for people, cost in measured:

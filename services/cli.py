@@ -153,7 +153,7 @@ def campaign(
     seed: Annotated[int, typer.Option(help="of everything drawn")] = 1,
     population: Annotated[str, typer.Option(help="a name in deploy/populations, or a file")] = "paper",
     controller: Annotated[str, typer.Option(help="reference, literal or regulation")] = "reference",
-    robot: Annotated[str, typer.Option(help="what flies")] = "ideal",
+    robot: Annotated[str, typer.Option(help="ideal, or px4: a PX4-like vehicle")] = "ideal",
     vary: Annotated[str, typer.Option(help="spread over the people, as m_H=2..12,k_c=100,200,delay_ms=0..80")] = "",
     seconds: Annotated[float, typer.Option(help="of each walk")] = 60.0,
     jobs: Annotated[int, typer.Option(help="processes")] = 1,

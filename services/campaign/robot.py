@@ -6,7 +6,7 @@
 | f_c, on the handle; the robot feels -f_c | f_c | N | W |
 
 The walk tells the robot its command 100 times a second and moves it 1000 times a second; what it makes of both is its own
-affair. `Ideal` is the paper's robotModel: it is wherever the admittance filter's reference is.
+affair. `Ideal` is the paper's robotModel: it is wherever the admittance filter's reference is. `Px4Like` lags and is pushed.
 """
 
 from collections.abc import Callable
@@ -18,6 +18,8 @@ from services.config import Config
 from services.physics import Array, Scalar, anywhere
 from services.px4_bridge import admittance
 from services.px4_bridge.admittance import Admittance, Command, Held
+from services.simulator import tethered
+from services.simulator.flight import SUBSTEPS
 
 STEP_S = 0.001
 
@@ -74,7 +76,45 @@ class Ideal:
         self._state = admittance.move(self._state, f_c, self._held, self._slack, self._z_max_m)
 
 
+class Px4Like:
+    """A PX4-like vehicle under observer, filter and set-point, as they fly it (simulator/tethered.py); ticks of 4 ms.
+
+    The accelerometers of all people make the same noise, so that nobody's walk depends on who else walks.
+    """
+
+    def __init__(self, p_W: Array, z_max_m: Scalar, filter_: Admittance, config: Config) -> None:
+        self._p = tethered.Robot(config.vehicle, filter_, config.force_estimator.observer, z_max_m=z_max_m)
+        self._state = tethered.hovering(p_W, np.zeros(3), self._p)
+        self._command, self._slack = admittance.literal(np.zeros_like(p_W)), False
+        self._noise, self._steps = np.random.default_rng(config.system.seed), 0
+
+    @property
+    def p_W(self) -> Array:
+        """Where it is, m."""
+        return self._state.flight.robot.p_W
+
+    @property
+    def v_W(self) -> Array:
+        """How fast it moves, m/s."""
+        return self._state.flight.robot.v_W
+
+    def obey(self, command: Command, slack: Scalar) -> None:
+        """See Robot."""
+        self._command, self._slack = command, slack
+
+    def step(self, f_c: Array) -> None:
+        """See Robot."""
+        if self._steps % SUBSTEPS == 0:
+            normal = np.broadcast_to(self._noise.standard_normal(3), f_c.shape)
+            self._state = tethered.tick(self._state, -f_c, self._command, self._slack, normal, self._p)
+        self._state = tethered.move(self._state, -f_c, self._p)
+        self._steps += 1
+
+
 Maker = Callable[[Array, Scalar, Admittance, Config], Robot]
 """From the place where it starts, its ceiling in m, the filter's parameters (both may be one for each person) and the profile."""
 
-ROBOTS: dict[str, Maker] = {"ideal": lambda p_W, z_max_m, filter_, _: Ideal(p_W, z_max_m, filter_)}
+ROBOTS: dict[str, Maker] = {
+    "ideal": lambda p_W, z_max_m, filter_, _: Ideal(p_W, z_max_m, filter_),
+    "px4": Px4Like,
+}

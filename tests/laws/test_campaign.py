@@ -65,6 +65,17 @@ def test_a_crowd_walks_as_each_would_alone(controller, varied):
     assert np.ptp(together.p_H[:, -1, 0]) > 0.1
 
 
+def test_behind_px4_like_vehicles_too():
+    """Observer, noise, latencies and cascade included; and the vehicle is not where its reference is."""
+    ready = batch.prepare(plan(people=6, trials=1, duration_s=4.0, robot="px4"))
+    together, alone = ready.walk(slice(0, 6)), ready.walk(4)
+    for of_one, of_all in zip(alone[1:], together[1:], strict=True):
+        assert np.max(np.abs(of_one - of_all[4])) < 1e-9
+    ideally = batch.prepare(plan(people=6, trials=1, duration_s=4.0)).walk(slice(0, 6))
+    apart = norm(ideally.p_R - together.p_R)
+    assert 0.005 < np.max(apart) < 0.3
+
+
 def test_the_papers_people_walk_as_the_paper_says():
     _, columns, errors = paper()
     shared = statistics.common(errors)

@@ -96,7 +96,7 @@ ramp_down_fraction = 0.15
         ({"jobs": 0}, "--jobs = 0: must be at least 1"),
         ({"seconds": float("nan")}, "--seconds = nan: must be 1 to 3600"),
         ({"controller": "magic"}, "--controller = magic: must be one of reference, literal, regulation"),
-        ({"robot": "balloon"}, "--robot = balloon: must be one of ideal"),
+        ({"robot": "balloon"}, "--robot = balloon: must be one of ideal, px4"),
         ({"population": "nobody"}, "--population = nobody: no such file"),
         ({"vary": "m_H=-2..3"}, "--vary m_H = -2: must be > 0: everybody has a mass"),
         ({"vary": "f_z=100"}, "must be below m_H g ="),
