@@ -8,6 +8,7 @@ from schemas.message import Message
 from schemas.topics import Topic
 from services.runtime.bus import Bus, Mailbox, MAX_PAYLOAD_bytes
 from services.runtime.clock import Clock
+from services.runtime.hosts import Hosts
 
 M = TypeVar("M", bound=Message)
 
@@ -21,9 +22,14 @@ class Inbox(Generic[M]):
     It looks into the bus's mailbox when it is read, once in each turn of the loop; `wake` makes the bus call instead.
     """
 
-    def __init__(self, topic: Topic[M], bus: Bus, clock: Clock, reject: Callable[[str, str], None]) -> None:
+    def __init__(
+        self, topic: Topic[M], bus: Bus, clock: Clock, reject: Callable[[str, str], None], hosts: Hosts | None = None
+    ) -> None:
         self.topic = topic
         self.clock = clock
+        self.hosts = hosts or Hosts()
+        self.dated = True
+        """Whether the newest message's stamp is on this host's clock."""
         self.message: M | None = None
         self.received_ns = 0
         self.received = 0
@@ -34,6 +40,7 @@ class Inbox(Generic[M]):
         self._mailbox: Mailbox | None = None
         self._looked = False
         self._wakes = False
+        self._said_ns = 0
 
     def listen(self) -> None:
         """Let the bus keep what arrives until somebody looks."""
@@ -65,9 +72,14 @@ class Inbox(Generic[M]):
         try:
             message = self._decode(key, payload)
             self._check_order(message, now_ns)
+            here_ns = self.hosts.here_ns(self.topic.publisher, message.stamp_ns)
+            self._check_lifetime(here_ns, now_ns)
         except ValueError as why:
             self.reject(self.topic.key, " ".join(str(why).split()))
             return
+        self._said_ns, self.dated = message.stamp_ns, here_ns is not None
+        if here_ns not in (None, message.stamp_ns):
+            message = message.model_copy(update={"stamp_ns": here_ns})
         self.message = message
         self.received_ns = now_ns
         self.received += 1
@@ -88,6 +100,19 @@ class Inbox(Generic[M]):
         if last is None or message.seq > last.seq:
             return
         # One publisher's stamps never fall while its seq rises: a later stamp tells a restart from an old sample.
-        if message.stamp_ns <= last.stamp_ns and now_ns - self.received_ns < QUIET_ns:
+        if message.stamp_ns <= self._said_ns and now_ns - self.received_ns < QUIET_ns:
             raise ValueError(f"seq {message.seq} after {last.seq}: repeated or out of order")
         self.restarts += 1
+
+    def _check_lifetime(self, here_ns: int | None, now_ns: int) -> None:
+        """A command is obeyed while it is young; one from the future was not said by this publisher's clock."""
+        topic = self.topic
+        if topic.lifetime_s == float("inf"):
+            return
+        if here_ns is None:
+            raise ValueError("its age is not known: the clocks of the two hosts have not been compared")
+        age_ns, allowance_ns = now_ns - here_ns, self.hosts.allowance_ns(topic.publisher)
+        if age_ns > topic.lifetime_s * 1e9 + allowance_ns:
+            raise ValueError(f"{age_ns * 1e-9:.3f} s old: it lives {topic.lifetime_s + allowance_ns * 1e-9:g} s")
+        if -age_ns > self.hosts.ahead_ns(topic.publisher):
+            raise ValueError(f"its stamp lies {-age_ns * 1e-9:.3f} s in the future")

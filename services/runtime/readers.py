@@ -25,7 +25,7 @@ class Latest(Generic[M]):
         self.topic: Topic[M] = inbox.topic
         self._inbox = inbox
         self._clock = inbox.clock
-        self._timeout_ns = inbox.topic.timeout_s * 1e9
+        self._timeout_ns = inbox.topic.timeout_s * 1e9 + inbox.hosts.allowance_ns(inbox.topic.publisher)
         inbox.listen()
 
     @property
@@ -44,10 +44,11 @@ class Latest(Generic[M]):
     def fresh(self) -> bool:
         """A valid message whose reception and whose content are younger than the topic's timeout.
 
-        The content's age compares clocks of one host. A stamp that lies ahead by more than the timeout is not trusted.
+        Stamps of the other host are on this host's clock (hosts.py), or the message is not fresh. A stamp that lies ahead
+        by more than the timeout is not trusted.
         """
         message = self.message
-        if message is None or not message.valid:
+        if message is None or not message.valid or not self._inbox.dated:
             return False
         now_ns = self._clock.now_ns()
         return now_ns - self._inbox.received_ns < self._timeout_ns and abs(now_ns - message.stamp_ns) < self._timeout_ns
@@ -59,9 +60,10 @@ class Latest(Generic[M]):
 
     @property
     def age_s(self) -> float:
-        """Of the content: now - stamp; infinite before the first message."""
+        """Of the content: now - stamp; infinite before the first message, and while clocks have not been compared."""
         message = self.message
-        return (self._clock.now_ns() - message.stamp_ns) * 1e-9 if message else float("inf")
+        known = message is not None and self._inbox.dated
+        return (self._clock.now_ns() - message.stamp_ns) * 1e-9 if message and known else float("inf")
 
 
 class Queue(Latest[M]):

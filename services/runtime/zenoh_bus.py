@@ -156,7 +156,7 @@ def session_config(config: BusConfig, name: str) -> zenoh.Config:
     connect = [_endpoint(config, other) for other in config.services if other != name]
     values: dict[str, Any] = {
         "mode": "peer",
-        "listen/endpoints": listen,
+        "listen/endpoints": [*listen, *config.listen],
         "connect/endpoints": [*connect, *config.endpoints],
         "connect/timeout_ms": -1,
         "connect/exit_on_failure": False,
@@ -168,7 +168,7 @@ def session_config(config: BusConfig, name: str) -> zenoh.Config:
         "transport/link/tx/queue/size/real_time": QUEUE,
         "transport/link/tx/queue/size/interactive_high": QUEUE,
         "transport/shared_memory/enabled": False,
-    }
+    } | config.settings
     made = zenoh.Config()
     for key, value in values.items():
         made.insert_json5(key, json.dumps(value))
