@@ -82,6 +82,39 @@ def status(profile: Profile = "demo") -> None:
     raise typer.Exit(look.status(profile))
 
 
+certs = typer.Typer(no_args_is_help=True, help="The radio's certificates: a private authority, one for each host and console.")
+app.add_typer(certs, name="certs")
+
+
+@certs.command("init")
+def certs_init() -> None:
+    """Make the authority, in $CLEW_CERTS_DIR or ~/.config/clew/certs."""
+    from services import certs_cli
+
+    raise typer.Exit(certs_cli.init())
+
+
+@certs.command("issue")
+def certs_issue(
+    name: str,
+    role: Annotated[str, typer.Option(help="drone, ground, operator or viewer")],
+    address: Annotated[list[str] | None, typer.Option(help="name or IP under which it is reached; repeatable")] = None,
+    days: float = 400.0,
+) -> None:
+    """Make a certificate for NAME, signed by the authority."""
+    from services import certs_cli
+
+    raise typer.Exit(certs_cli.issue(name, role, address or [], days))
+
+
+@certs.command("show")
+def certs_show() -> None:
+    """Who has a certificate here, as what, until when, and what is wrong with it."""
+    from services import certs_cli
+
+    raise typer.Exit(certs_cli.show())
+
+
 def main() -> None:
     """The console script."""
     app()

@@ -15,9 +15,10 @@ from typing import Any, Self, cast
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from schemas.topics import SERVICES
+from schemas.topics import GATEWAYS, SERVICES
 from services import sections
 from services.cable import Cable
+from services.gateway.radio import Host, Radio
 from services.guiding_controller import path_file
 from services.guiding_controller.path import Path as GuidedPath
 from services.parameters import NonNegative, Positive, parameters
@@ -46,6 +47,8 @@ class System:
     path: str
     person: str
     seed: int
+    host: str = ""
+    """Of a system on two hosts, which one this is: drone, ground, or a person's console."""
 
 
 @parameters
@@ -79,12 +82,15 @@ class Config(BaseModel):
     recorder: Recorder
     path: sections.PathTable
     person: sections.Person
+    hosts: dict[str, Host] = Field(default_factory=dict[str, Host])
+    radio: Radio | None = None
     session_dir: str = Field(default="", description="where this run keeps its files")
 
     @model_validator(mode="after")
     def _limits_across_sections(self) -> Self:
         unknown = set(self.system.services) - set(SERVICES)
         _require(not unknown, "system.services", sorted(unknown), f"one of {', '.join(SERVICES)}")
+        self._hosts_and_radio()
         weight = self.person.human.m_H_kg * GRAVITY_MPS2
         f_z = self.guiding_controller.f_z_N
         _require(f_z < weight, "guiding_controller.f_z_N", f_z, f"below m_H g = {weight:.2f} N of {self.person.name}")
@@ -101,6 +107,20 @@ class Config(BaseModel):
             raise ValueError(f"path.{error}") from None
         self._inside_volume()
         return self
+
+    def _hosts_and_radio(self) -> None:
+        if not self.hosts:
+            return
+        _require(set(self.hosts) == set(GATEWAYS), "hosts", sorted(self.hosts), f"{' and '.join(GATEWAYS)}")
+        _require(self.radio is not None, "radio", "missing", "given for two hosts")
+        running = [name for host in self.hosts.values() for name in host.services]
+        twice = sorted({name for name in running if running.count(name) > 1})
+        _require(not twice, "hosts", twice, "on one host only")
+        _require(set(running) <= set(SERVICES), "hosts", sorted(set(running) - set(SERVICES)), "services")
+        for host, gateway in GATEWAYS.items():
+            _require(gateway in self.hosts[host].services, f"hosts.{host}.services", "without it", f"with {gateway}")
+        known = (*GATEWAYS, "console")
+        _require(self.system.host in known, "system.host", self.system.host or "missing", f"one of {', '.join(known)}")
 
     def _inside_volume(self) -> None:
         low, high = np.array(self.world.volume_min_m), np.array(self.world.volume_max_m)
@@ -164,7 +184,7 @@ def _set_default(data: Any, key: str, value: Any) -> None:
 
 
 def load(profile: str, *, path: str = "", person: str = "", seed: int | None = None, session_dir: str = "") -> Config:
-    """A validated configuration from a profile's name or file.
+    """A validated configuration from a profile's name or file; one that names a `base` overrides single values of it.
 
     Raises:
         ConfigError: with one line per fault: file, key, value, limit.
@@ -172,11 +192,13 @@ def load(profile: str, *, path: str = "", person: str = "", seed: int | None = N
     file = _find("profiles", profile)
     if file.suffix == ".json":
         return _validate(file, _read(file), {})
-    data = _read(file)
+    data = _with_base(file)
     system: dict[str, Any] = data.setdefault("system", {})
     if not isinstance(system, dict):  # pyright: ignore[reportUnnecessaryIsInstance]  (a file may say anything)
         raise ConfigError(f"{file}: system = {system!r}: must be a table")
     system.update({k: v for k, v in (("path", path), ("person", person), ("seed", seed)) if v not in ("", None)})
+    if hosts := data.get("hosts"):
+        system["services"] = _get(hosts, f"{system.get('host')}.services") or []
     files: dict[str, Path] = {}
     for section, folder in (("vehicle", "vehicles"), ("path", "paths"), ("person", "people")):
         if section not in system:
@@ -202,6 +224,21 @@ def _read(file: Path) -> dict[str, Any]:
         return tomllib.loads(file.read_text())
     except (tomllib.TOMLDecodeError, ValueError) as error:
         raise ConfigError(f"{file}: {error}") from None
+
+
+def _with_base(file: Path) -> dict[str, Any]:
+    """A profile laid over the one it names as its base."""
+    data = _read(file)
+    if "base" not in data:
+        return data
+    base = _with_base(_find("profiles", str(data.pop("base")), f"{file}: base = "))
+    return _laid_over(base, data)
+
+
+def _laid_over(base: dict[str, Any], data: dict[str, Any]) -> dict[str, Any]:
+    """Tables are merged, everything else is replaced."""
+    both = {key for key in base.keys() & data.keys() if isinstance(base[key], dict) and isinstance(data[key], dict)}
+    return base | data | {key: _laid_over(base[key], data[key]) for key in both}
 
 
 def _validate(file: Path, data: dict[str, Any], files: dict[str, Path]) -> Config:

@@ -8,20 +8,40 @@ from contextlib import asynccontextmanager
 from datetime import datetime
 from pathlib import Path
 
-from schemas.topics import SERVICES
+from schemas.topics import GATEWAYS, SERVICES
 from services.config import Config, ConfigError, load
 from services.runtime.bus_config import BusConfig, default_run_dir
+from services.runtime.hosts import Placement
 from services.runtime.launcher import Launched, ServiceDied, launch
 from services.runtime.process import serve
 
 
 def bus_config(config: Config) -> BusConfig:
     """Where the services of this system find each other."""
-    return BusConfig(system=config.system.name, run_dir=default_run_dir(), services=config.system.services)
+    return BusConfig(
+        system=config.system.name,
+        run_dir=default_run_dir(),
+        services=config.system.services,
+        placement=placement(config),
+    )
+
+
+def placement(config: Config) -> Placement:
+    """Who runs elsewhere; a console's clock is the ground's, see look.py."""
+    here = "ground" if config.system.host == "console" else config.system.host
+    if not here or config.radio is None:
+        return Placement()
+    elsewhere = (name for host, names in config.hosts.items() if host != here for name in names.services)
+    return Placement(here=here, elsewhere=tuple(elsewhere), delay_allowed_s=config.radio.delay_allowed_s)
 
 
 def run_service(name: str, config: Config) -> int:
     """Run one service in this process; its module is named like it. Returns the exit code."""
+    if name in GATEWAYS.values():
+        from services.gateway import service  # with it, the certificates' library
+        from services.gateway.start import gateway_bus
+
+        return serve(name, service.run, config, gateway_bus(config, bus_config(config)))
     module = importlib.import_module(f"services.{name}.service")
     return serve(name, module.run, config, bus_config(config))
 
@@ -57,24 +77,38 @@ async def launch_all(config: Config, timeout_s: float = 30.0) -> AsyncGenerator[
         yield launched
 
 
+def _check_radio(config: Config) -> None:
+    """Certificates and addresses, before anything starts."""
+    if config.hosts:
+        from services.gateway.start import check
+
+        check(config, bus_config(config))
+
+
 def run_by_hand(name: str, profile: str) -> int:
-    """`clew run`: one service in the foreground; 2 for bad configuration or a name that does not exist."""
+    """`clew run`: one service in the foreground; 2 for bad configuration or a name that does not exist.
+
+    `gateway` is this host's.
+    """
     try:
-        if name not in SERVICES:
+        if name not in (*SERVICES, "gateway"):
             raise ConfigError(f"service {name!r}: must be one of {', '.join(SERVICES)}")
         config = load(profile)
+        if name == "gateway":
+            name = GATEWAYS.get(config.system.host, name)
+        if not config.session_dir:
+            config = config.model_copy(update={"session_dir": str(new_session(Path("sessions")).resolve())})
+        return run_service(name, config)
     except ConfigError as error:
         print(error, file=sys.stderr)  # noqa: T201
         return 2
-    if not config.session_dir:
-        config = config.model_copy(update={"session_dir": str(new_session(Path("sessions")).resolve())})
-    return run_service(name, config)
 
 
 def up(profile: str, out: Path) -> int:
     """`clew up`: all services of a profile, until Ctrl-C or until one ends."""
     try:
         config = load(profile)
+        _check_radio(config)
     except ConfigError as error:
         print(error, file=sys.stderr)  # noqa: T201
         return 2

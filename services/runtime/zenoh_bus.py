@@ -93,6 +93,40 @@ class ZenohBus:
         replies = self._session.liveliness().get(f"{token}*", timeout=1.0)
         return {str(reply.ok.key_expr).removeprefix(token) for reply in replies if reply.ok}
 
+    def answer(self, key: str, reply: Callable[[], bytes]) -> None:
+        """Answer each question on `key` at once, in Zenoh's thread: `reply` must not wait."""
+        full = self._prefix + key
+        self._session.declare_queryable(full, lambda query: query.reply(full, reply()))
+
+    def ask(self, key: str, on_reply: Callable[[bytes, int], None], timeout_s: float) -> None:
+        """Ask; `on_reply` gets the answer and when it arrived (monotonic, ns), in the running loop."""
+        loop = asyncio.get_running_loop()
+
+        def arrived(reply: zenoh.Reply) -> None:
+            now_ns = time.monotonic_ns()
+            if reply.ok and not loop.is_closed():
+                loop.call_soon_threadsafe(on_reply, reply.ok.payload.to_bytes(), now_ns)
+
+        self._session.get(
+            self._prefix + key,
+            arrived,
+            timeout=timeout_s,
+            priority=Priority.REAL_TIME,
+            congestion_control=CongestionControl.DROP,
+        )
+
+    def ask_now(self, key: str, timeout_s: float) -> tuple[bytes, int] | None:
+        """As `ask`, for tools: blocks; None where nobody answers."""
+        for reply in self._session.get(self._prefix + key, timeout=timeout_s, priority=Priority.REAL_TIME):
+            if reply.ok:
+                return reply.ok.payload.to_bytes(), time.monotonic_ns()
+        return None
+
+    def remotes(self) -> dict[str, str]:
+        """By session, the certificate's name of each that is connected over the radio."""
+        links = self._session.info.links()
+        return {str(link.zid): link.auth_identifier for link in links if link.auth_identifier}
+
     def _declare(self, key: str, stance: Stance) -> zenoh.Publisher:
         return self._session.declare_publisher(
             self._prefix + key,
