@@ -2,13 +2,17 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test check bench figures lock clean
+.PHONY: demo test test-net check bench figures lock clean
 
 demo: .venv/.ready
 	$(BIN)/clew demo
 
 test: .venv/.ready
 	$(BIN)/python -m pytest
+
+# Needs root: two network namespaces with a bad radio between them.
+test-net: .venv/.ready
+	$(BIN)/python -m pytest -m net tests/net
 
 check: .venv/.ready
 	$(BIN)/ruff check .

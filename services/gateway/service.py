@@ -15,6 +15,7 @@ from services.config import Config
 from services.gateway import offset
 from services.gateway.access import CLOCK
 from services.gateway.radio import Radio, common_name
+from services.gateway.refusals import listening
 from services.runtime.node import Node
 
 RATE_HZ = 10.0
@@ -47,10 +48,11 @@ async def run(node: Node, config: Config) -> None:
     compare = Comparison(node, bus, config.radio) if config.system.host == "drone" else None
     if compare is None:
         bus.answer(GROUND_CLOCK, lambda: _times(node))
-    async for tick in node.ticks(RATE_HZ):
-        node.status = watch.tell(bus.remotes())
-        if compare:
-            compare.turn(tick.n, watch.connects)
+    with listening() as refusals:
+        async for tick in node.ticks(RATE_HZ):
+            node.status = "; ".join(filter(None, (watch.tell(bus.remotes()), str(refusals))))
+            if compare:
+                compare.turn(tick.n, watch.connects)
 
 
 def _times(node: Node) -> bytes:

@@ -13,7 +13,9 @@ from services.gateway.radio import Radio
 from services.runtime.bus import MAX_PAYLOAD_bytes
 
 PRIORITIES = ("1-5", "6-7")
-SEND_BUFFER_bytes = 16_384
+SEND_BUFFER_bytes = 16_384, 4_096
+BATCH_bytes = 2_048
+"""What is handed to the kernel at a time: more stands in front of a sample for longer."""
 MESSAGE_MAX_bytes = 262_144
 """Larger than any message of the table; a link that brings a larger one is closed."""
 
@@ -21,7 +23,8 @@ MESSAGE_MAX_bytes = 262_144
 def endpoints(radio: Radio, address: str) -> tuple[str, ...]:
     """One for each priority range."""
     return tuple(
-        f"tls/{address}:{port}?prio={range_}" for port, range_ in zip(radio.ports, PRIORITIES, strict=True)
+        f"tls/{address}:{port}?prio={range_}#so_sndbuf={buffer}"
+        for port, range_, buffer in zip(radio.ports, PRIORITIES, SEND_BUFFER_bytes, strict=True)
     )
 
 
@@ -31,7 +34,6 @@ def gateway(host: str, radio: Radio, services: Services, files: Credentials, pre
         "mode": "router",
         "listen/timeout_ms": -1,
         "listen/exit_on_failure": False,
-        "transport/link/tls/enable_mtls": True,
         "transport/link/tls/listen_certificate": str(files.certificate),
         "transport/link/tls/listen_private_key": str(files.key),
         "access_control": access_control(host, radio.names, services, prefix),
@@ -48,15 +50,16 @@ def console(files: Credentials) -> dict[str, Any]:
 def _tls(files: Credentials) -> dict[str, Any]:
     return {
         "transport/link/protocols": ["tls", "unixsock-stream"],
+        "transport/link/tx/batch_size": BATCH_bytes,
         "transport/unicast/max_links": len(PRIORITIES),
         "transport/unicast/compression/enabled": True,
         "transport/link/rx/max_message_size": MESSAGE_MAX_bytes,
+        "transport/link/tls/enable_mtls": True,
         "transport/link/tls/root_ca_certificate": str(files.ca),
         "transport/link/tls/connect_certificate": str(files.certificate),
         "transport/link/tls/connect_private_key": str(files.key),
         "transport/link/tls/verify_name_on_connect": True,
         "transport/link/tls/close_link_on_expiration": True,
-        "transport/link/tls/so_sndbuf": SEND_BUFFER_bytes,
     }
 
 

@@ -8,6 +8,7 @@ from services.certs import CertsError, Credentials, credentials, folder
 from services.config import Config, ConfigError
 from services.gateway import session
 from services.gateway.radio import Radio
+from services.gateway.refusals import LOG_LEVELS
 from services.runtime.bus_config import BusConfig
 
 
@@ -29,7 +30,8 @@ def gateway_bus(config: Config, bus: BusConfig) -> BusConfig:
             raise ConfigError(f"radio.address = {radio.address}: is this machine's own, but system.host = {host}")
         files = _files(radio, _only_name(radio, host), host)
         own = {"endpoints": session.endpoints(radio, radio.address)}
-    return replace(bus, settings=session.gateway(host, radio, services, files, bus.prefix), **own)
+    settings = session.gateway(host, radio, services, files, bus.prefix)
+    return replace(bus, settings=settings, log_levels=LOG_LEVELS, **own)
 
 
 def console_bus(config: Config, bus: BusConfig) -> BusConfig:

@@ -28,6 +28,8 @@ class BusConfig:
     endpoints: tuple[str, ...] = ()
     listen: tuple[str, ...] = ()
     settings: dict[str, Any] = field(default_factory=dict[str, Any])
+    log_levels: str = ""
+    """What Zenoh shall say on standard output."""
     placement: Placement = Placement()
 
     @property

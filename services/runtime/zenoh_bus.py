@@ -175,6 +175,8 @@ def open_bus(config: BusConfig, name: str) -> Generator[ZenohBus]:
         ValueError: a socket's path is too long.
     """
     os.environ.setdefault("ZENOH_RUNTIME", RUNTIME)
+    if config.log_levels:
+        zenoh.init_log_from_env_or(config.log_levels)
     is_service = name in config.services
     with (
         claim(config, name) if is_service else nullcontext(),

@@ -3,11 +3,14 @@
 voice PROFILE NAME KEY RATE_Hz SECONDS [BYTES]   says a topic's message at a rate, as the service NAME, and prints what
                                                 it sent; BYTES pads each, for bulk
 ear   PROFILE NAME SECONDS KEY...               hears topics as NAME and prints, for each message, its arrival and age,
-                                                then what was refused
+                                                then what was refused; `+` before a key prints the message too
+first PROFILE NAME SECONDS KEY                  waits for one valid message and prints it
+who   PROFILE NAME                              prints which names hold a token
 """
 
 import asyncio
 import json
+import random
 import sys
 from typing import Any
 
@@ -53,7 +56,7 @@ def message(key: str, padding: int) -> Message:
             cable_force_N=THIRD,
             hand_force_N=THIRD,
             holding=True,
-            subject="x" * padding,
+            subject=random.randbytes(padding // 2).hex(),
         ),
     }
     return made[key]
@@ -70,7 +73,7 @@ async def voice(node: Node, topic: Topic[Any], rate_Hz: float, seconds: float, p
             return
 
 
-async def ear(node: Node, topics: list[Topic[Any]], seconds: float) -> None:
+async def ear(node: Node, topics: list[Topic[Any]], seconds: float, whole: set[str]) -> None:
     """Hear, and print at the end, so that printing delays nothing."""
     heard: list[dict[str, Any]] = []
 
@@ -78,7 +81,8 @@ async def ear(node: Node, topics: list[Topic[Any]], seconds: float) -> None:
         stream = node.stream(topic, depth=1024)
         async for said in stream:
             now_ns = node.clock.now_ns()
-            heard.append({"key": topic.key, "seq": said.seq, "t_s": now_ns * 1e-9, "age_s": stream.age_s})
+            entry = {"key": topic.key, "seq": said.seq, "t_s": now_ns * 1e-9, "age_s": stream.age_s}
+            heard.append(entry | ({"said": said.model_dump(mode="json")} if topic.key in whole else {}))
 
     tasks = [asyncio.create_task(hear(topic)) for topic in topics]
     print("listening", flush=True)
@@ -100,9 +104,18 @@ async def main() -> None:
         if kind == "voice":
             key, rate_Hz, seconds, *padding = rest
             await voice(node, BY_KEY[key], float(rate_Hz), float(seconds), int(*padding or ["0"]))
+        elif kind == "first":
+            async with asyncio.timeout(float(rest[0])):
+                async for said in node.stream(BY_KEY[rest[1]]):
+                    if said.valid:
+                        print(json.dumps({"key": rest[1], "said": said.model_dump(mode="json")}), flush=True)
+                        return
+        elif kind == "who":
+            print(json.dumps({"alive": sorted(bus.alive(1.5))}), flush=True)
         else:
             seconds, *keys = rest
-            await ear(node, [BY_KEY[key] for key in keys], float(seconds))
+            whole = {key[1:] for key in keys if key.startswith("+")}
+            await ear(node, [BY_KEY[key.removeprefix("+")] for key in keys], float(seconds), whole)
 
 
 if __name__ == "__main__":

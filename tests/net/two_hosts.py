@@ -57,6 +57,7 @@ class TwoHosts:
     folder: Path
     drone_ahead_s: int = 0
     processes: list[subprocess.Popen[str]] = field(default_factory=list[subprocess.Popen[str]])
+    _started: int = 0
 
     def __enter__(self) -> Self:
         self.space = {host: f"clew{os.getpid()}{host[0]}" for host in ("drone", "ground")}
@@ -84,8 +85,10 @@ class TwoHosts:
         for process in reversed(self.processes):
             stop(process)
         assert self.radio.stdin
+        assert self.radio.stdout
         self.radio.stdin.close()
         self.radio.wait(5.0)
+        self.radio.stdout.close()
         for space in self.space.values():
             _ip("netns", "del", space)
 
@@ -103,25 +106,31 @@ class TwoHosts:
         if host == "drone" and self.drone_ahead_s:
             prefix += ["unshare", "--time", "--monotonic", str(self.drone_ahead_s), "--fork", "--kill-child", "--"]
         where = {"CLEW_RUN_DIR": str(self.run_dir(host)), "CLEW_CERTS_DIR": str(self.folder / "certs")}
-        process = subprocess.Popen(
-            [*prefix, *command],
-            cwd=ROOT,
-            env=os.environ | where | (env or {}),
-            text=True,
-            stdout=subprocess.PIPE,
-            stderr=(self.folder / f"{host}-{len(self.processes)}.log").open("w"),
-            start_new_session=True,
-            **how,
-        )
+        with self._log(host).open("w") as log:
+            process = subprocess.Popen(
+                [*prefix, *command],
+                cwd=ROOT,
+                env=os.environ | where | (env or {}),
+                text=True,
+                stdout=subprocess.PIPE,
+                stderr=log,
+                start_new_session=True,
+                **how,
+            )
         self.processes.append(process)
         return process
+
+    def _log(self, host: str) -> Path:
+        self._started += 1
+        return self.folder / f"{host}-{self._started}.log"
 
     def run(self, host: str, *command: str, timeout_s: float = 30.0) -> tuple[int, str, str]:
         """A command to its end: exit code, what it printed, what it complained."""
         process = self.start(host, *command)
+        log = self.folder / f"{host}-{self._started}.log"
         out, _ = process.communicate(timeout=timeout_s)
         self.processes.remove(process)
-        return process.returncode, out, (self.folder / f"{host}-{len(self.processes)}.log").read_text()
+        return process.returncode, out, log.read_text()
 
     def clew(self, host: str, *arguments: str) -> subprocess.Popen[str]:
         """`clew ...` on one of the hosts."""
@@ -149,6 +158,8 @@ def stop(process: subprocess.Popen[str], number: int = signal.SIGINT) -> None:
         except subprocess.TimeoutExpired:
             os.killpg(process.pid, signal.SIGKILL)
             process.wait(5.0)
+    if process.stdout:
+        process.stdout.close()
 
 
 def read_until(process: subprocess.Popen[str], word: str, timeout_s: float = 20.0) -> str:
