@@ -82,7 +82,32 @@ def status(profile: Profile = "demo") -> None:
     raise typer.Exit(look.status(profile))
 
 
-certs = typer.Typer(no_args_is_help=True, help="The radio's certificates: a private authority, one for each host and console.")
+@app.command()
+def link(
+    profile: Profile = "ground",
+    as_json: Annotated[bool, typer.Option("--json", help="once, as JSON")] = False,
+    seconds: Annotated[float, typer.Option(help="over which it is measured")] = 2.0,
+) -> None:
+    """The radio between the hosts: round trip, clocks, loss and age of each topic."""
+    from services import link as radio
+
+    raise typer.Exit(radio.link(profile, as_json=as_json, seconds=seconds))
+
+
+@app.command()
+def install(
+    profile: Annotated[str, typer.Argument(help="drone or ground, or a profile for one of them")],
+    dry_run: Annotated[bool, typer.Option(help="only say what it would do")] = False,
+) -> None:
+    """Make this machine start its host's services at boot (systemd; needs root)."""
+    from services import install as installer
+
+    raise typer.Exit(installer.install(profile, dry_run=dry_run))
+
+
+certs = typer.Typer(
+    no_args_is_help=True, help="The radio's certificates: a private authority, one for each host and console."
+)
 app.add_typer(certs, name="certs")
 
 

@@ -15,10 +15,10 @@ from typing import Any, Self, cast
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from schemas.topics import GATEWAYS, SERVICES
+from schemas.topics import SERVICES
 from services import sections
 from services.cable import Cable
-from services.gateway.radio import Host, Radio
+from services.gateway.radio import Host, Radio, check_hosts
 from services.guiding_controller import path_file
 from services.guiding_controller.path import Path as GuidedPath
 from services.parameters import NonNegative, Positive, parameters
@@ -90,7 +90,8 @@ class Config(BaseModel):
     def _limits_across_sections(self) -> Self:
         unknown = set(self.system.services) - set(SERVICES)
         _require(not unknown, "system.services", sorted(unknown), f"one of {', '.join(SERVICES)}")
-        self._hosts_and_radio()
+        if self.hosts:
+            check_hosts(self.hosts, self.radio, self.system.host)
         weight = self.person.human.m_H_kg * GRAVITY_MPS2
         f_z = self.guiding_controller.f_z_N
         _require(f_z < weight, "guiding_controller.f_z_N", f_z, f"below m_H g = {weight:.2f} N of {self.person.name}")
@@ -107,20 +108,6 @@ class Config(BaseModel):
             raise ValueError(f"path.{error}") from None
         self._inside_volume()
         return self
-
-    def _hosts_and_radio(self) -> None:
-        if not self.hosts:
-            return
-        _require(set(self.hosts) == set(GATEWAYS), "hosts", sorted(self.hosts), f"{' and '.join(GATEWAYS)}")
-        _require(self.radio is not None, "radio", "missing", "given for two hosts")
-        running = [name for host in self.hosts.values() for name in host.services]
-        twice = sorted({name for name in running if running.count(name) > 1})
-        _require(not twice, "hosts", twice, "on one host only")
-        _require(set(running) <= set(SERVICES), "hosts", sorted(set(running) - set(SERVICES)), "services")
-        for host, gateway in GATEWAYS.items():
-            _require(gateway in self.hosts[host].services, f"hosts.{host}.services", "without it", f"with {gateway}")
-        known = (*GATEWAYS, "console")
-        _require(self.system.host in known, "system.host", self.system.host or "missing", f"one of {', '.join(known)}")
 
     def _inside_volume(self) -> None:
         low, high = np.array(self.world.volume_min_m), np.array(self.world.volume_max_m)

@@ -21,7 +21,7 @@ from services.runtime.launcher import ServiceDied
 from services.runtime.node import Node
 from services.runtime.readers import Latest
 from services.runtime.zenoh_bus import open_bus
-from services.start import bus_config, launch_all, new_session
+from services.start import bus_config, launch_all, new_session, placement
 
 TIME_LIMIT_S = 130.0
 LIVE_HZ = 8.0
@@ -69,7 +69,7 @@ async def fly(config: Config, console: Console, *, live: bool) -> None:
         ServiceDied, TimeoutError, DemoFailed: with the reason in words.
     """
     with open_bus(bus_config(config), f"operator-{os.getpid()}") as bus:
-        node = operator_node(bus, MonotonicClock())
+        node = operator_node(bus, MonotonicClock(), placement(config))
         watch = Watch(node, config.system.services)
         console.print(f"session {config.session_dir}")
         async with launch_all(config) as launched:

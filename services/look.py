@@ -14,10 +14,9 @@ from schemas.health import Heartbeat
 from schemas.safety import SafetyState
 from schemas.topics import BY_KEY, HEALTH, SAFETY_STATE, TOPICS
 from services.config import ConfigError, load
-from services.runtime.clock import MonotonicClock
 from services.runtime.node import Node
 from services.runtime.zenoh_bus import ZenohBus, open_bus
-from services.start import bus_config
+from services.start import clock_of, observer_bus, services_of
 
 LISTEN_S = 1.2
 
@@ -52,7 +51,7 @@ def echo(topic: str, profile: str, count: int) -> int:
                 break
         return 0
 
-    return _with_node(profile, follow)
+    return with_node(profile, follow)
 
 
 def hz(keys: list[str], profile: str, seconds: float) -> int:
@@ -75,14 +74,20 @@ def hz(keys: list[str], profile: str, seconds: float) -> int:
         _console().print(table)
         return 0
 
-    return _with_node(profile, measure)
+    return with_node(profile, measure)
 
 
 def status(profile: str) -> int:
-    """One heartbeat of each service, and the supervisor's word; exit code 1 where a service is missing."""
+    """One heartbeat of each service of the system, and the supervisor's word; exit code 1 where a service is missing."""
+
+    try:
+        expected = services_of(load(profile))
+    except ConfigError as error:
+        print(error, file=sys.stderr)  # noqa: T201
+        return 2
 
     async def listen(node: Node, bus: ZenohBus) -> int:
-        hearts = {name: node.latest(topic) for name, topic in HEALTH.items()}
+        hearts = {name: node.latest(HEALTH[name]) for name in expected}
         safety = node.latest(SAFETY_STATE)
         await asyncio.sleep(LISTEN_S)
         alive = bus.alive()
@@ -94,7 +99,7 @@ def status(profile: str) -> int:
         console.print(_verdict(safety.value))
         return 0 if set(hearts) <= alive else 1
 
-    return _with_node(profile, listen)
+    return with_node(profile, listen)
 
 
 def _health(beat: Heartbeat | None) -> tuple[str, ...]:
@@ -117,18 +122,20 @@ def _verdict(state: SafetyState | None) -> str:
     return f"phase {state.phase}, level {state.level.name.lower()}, permit {state.permit}: {why}"
 
 
-def _with_node(profile: str, use: Callable[[Node, ZenohBus], Awaitable[int]]) -> int:
+def with_node(profile: str, use: Callable[[Node, ZenohBus], Awaitable[int]]) -> int:
     """Run `use` with an observer on the profile's bus."""
     try:
         config = load(profile)
+        buses = observer_bus(config)
     except ConfigError as error:
         print(error, file=sys.stderr)  # noqa: T201
         return 2
     name = f"look-{os.getpid()}"
 
     async def main() -> int:
-        with open_bus(bus_config(config), name) as bus:
-            return await use(Node(name, bus, MonotonicClock(), observer=True), bus)
+        with open_bus(buses, name) as bus:
+            node = Node(name, bus, clock_of(config, bus), observer=True, placement=buses.placement)
+            return await use(node, bus)
 
     try:
         return asyncio.run(main())

@@ -11,9 +11,11 @@ from pathlib import Path
 from schemas.topics import GATEWAYS, SERVICES
 from services.config import Config, ConfigError, load
 from services.runtime.bus_config import BusConfig, default_run_dir
+from services.runtime.clock import Clock, MonotonicClock
 from services.runtime.hosts import Placement
 from services.runtime.launcher import Launched, ServiceDied, launch
 from services.runtime.process import serve
+from services.runtime.zenoh_bus import ZenohBus
 
 
 def bus_config(config: Config) -> BusConfig:
@@ -35,15 +37,42 @@ def placement(config: Config) -> Placement:
     return Placement(here=here, elsewhere=tuple(elsewhere), delay_allowed_s=config.radio.delay_allowed_s)
 
 
-def run_service(name: str, config: Config) -> int:
-    """Run one service in this process; its module is named like it. Returns the exit code."""
-    if name in GATEWAYS.values():
-        from services.gateway import service  # with it, the certificates' library
-        from services.gateway.start import gateway_bus
+def services_of(config: Config) -> tuple[str, ...]:
+    """Of the whole system, on both hosts where there are two."""
+    return tuple(n for host in config.hosts.values() for n in host.services) or config.system.services
 
-        return serve(name, service.run, config, gateway_bus(config, bus_config(config)))
-    module = importlib.import_module(f"services.{name}.service")
-    return serve(name, module.run, config, bus_config(config))
+
+def observer_bus(config: Config) -> BusConfig:
+    """For tools: on one of the hosts, or over the radio from a console. Raises ConfigError as a gateway's start does."""
+    if config.system.host != "console":
+        return bus_config(config)
+    from services.gateway.start import console_bus
+
+    return console_bus(config, bus_config(config))
+
+
+def clock_of(config: Config, bus: ZenohBus) -> Clock:
+    """A tool's clock: this host's; a console lives on the ground's, as far as it can be told over the radio."""
+    if config.system.host != "console":
+        return MonotonicClock()
+    from services.gateway.console import ground_clock
+
+    return ground_clock(bus)
+
+
+def run_service(name: str, config: Config) -> int:
+    """Run one service in this process. Returns the exit code."""
+    module, buses = importlib.import_module(module_of(name)), bus_config(config)
+    if name in GATEWAYS.values():
+        from services.gateway.start import gateway_bus  # with it, the certificates' library
+
+        buses = gateway_bus(config, buses)
+    return serve(name, module.run, config, buses)
+
+
+def module_of(name: str) -> str:
+    """A service's module is named like it; both gateways are one."""
+    return f"services.{'gateway' if name in GATEWAYS.values() else name}.service"
 
 
 def new_session(out: Path) -> Path:
@@ -96,7 +125,7 @@ def run_by_hand(name: str, profile: str) -> int:
         config = load(profile)
         if name == "gateway":
             name = GATEWAYS.get(config.system.host, name)
-        if not config.session_dir:
+        if not config.session_dir and name == "recorder":
             config = config.model_copy(update={"session_dir": str(new_session(Path("sessions")).resolve())})
         return run_service(name, config)
     except ConfigError as error:

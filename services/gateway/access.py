@@ -16,7 +16,7 @@ from typing import Any
 
 from schemas.message import Message
 from schemas.topics import OPERATOR, TOPICS, Topic
-from services.gateway.radio import ROLES, Role, common_name
+from services.gateway.radio import ROLES, Role
 
 COMMANDS, ALIVE, CLOCK = "@cmd/", "@alive/", "@clock/"
 REMOTE: dict[str, tuple[Role, ...]] = {"drone": ("ground",), "ground": ("drone", "operator", "viewer")}
@@ -63,9 +63,9 @@ def rules(host: str, services: Services, prefix: str) -> dict[str, list[Rule]]:
     }
 
 
-def access_control(host: str, names: Mapping[str, str], services: Services, prefix: str) -> dict[str, Any]:
-    """Zenoh's `access_control` for the gateway of `host`; `names` are the certificates that may join, with their roles."""
-    by_role = {role: [common_name(role, name) for name, r in names.items() if r == role] for role in ROLES}
+def access_control(host: str, names: Sequence[str], services: Services, prefix: str) -> dict[str, Any]:
+    """Zenoh's `access_control` for the gateway of `host`; `names` are those of the certificates that may join."""
+    by_role = {role: [name for name in names if name.startswith(f"{role}:")] for role in ROLES}
     granted = {role: made for role, made in rules(host, services, prefix).items() if by_role[role]}
     local = _rule("local", prefix, ["**", *(f"{verbatim}**" for verbatim in (COMMANDS, ALIVE, CLOCK))], _ALL)
     return {

@@ -1,13 +1,17 @@
 """The radio section of a profile: where the two hosts meet, who may join, and what the radio may cost."""
 
+from collections.abc import Mapping
 from typing import Annotated, Literal
 
 from annotated_types import Gt, Lt
 
+from schemas.topics import GATEWAYS, SERVICES
 from services.parameters import NonNegative, Positive, parameters
 
 Role = Literal["drone", "ground", "operator", "viewer"]
 ROLES: tuple[Role, ...] = ("drone", "ground", "operator", "viewer")
+CONSOLE = "console"
+"""The `host` of a machine that is neither."""
 Port = Annotated[int, Gt(0), Lt(65536)]
 
 
@@ -26,8 +30,8 @@ class Radio:
     """Where the ground station listens: the name or IP that is in its certificate."""
     ports: tuple[Port, Port]
     """For samples, states and commands; for bulk."""
-    names: dict[str, Role]
-    """Who may join, by the name of the certificate; whoever is taken out is shut out from the next start on."""
+    names: tuple[str, ...]
+    """Who may join, as their certificates say: `role:name`. Whoever is taken out is shut out from the next start on."""
     console: str = ""
     """The certificate of this machine where it is neither of the hosts but a person's console."""
     delay_allowed_s: NonNegative
@@ -38,6 +42,41 @@ class Radio:
     """How fast the clocks of two hosts may part: widens what is known between comparisons."""
     lost_s: Positive
     """Without an answer for this long the link counts as down."""
+
+    def of_role(self, role: str) -> list[str]:
+        """Names of certificates that may join as this."""
+        return [name for r, _, name in (each.partition(":") for each in self.names) if r == role]
+
+    def role_of(self, name: str) -> str:
+        """As what a certificate may join; empty where it may not."""
+        return next((role for role in ROLES if name in self.of_role(role)), "")
+
+
+def check_hosts(hosts: Mapping[str, Host], radio: Radio | None, here: str) -> None:
+    """Whether two hosts can work together: each with its gateway, no service on both, and this one among them.
+
+    Raises:
+        ValueError: key, value and limit.
+    """
+    if set(hosts) != set(GATEWAYS):
+        raise ValueError(f"hosts = {', '.join(sorted(hosts))}: must be {' and '.join(GATEWAYS)}")
+    if radio is None:
+        raise ValueError("radio: is missing, for two hosts")
+    for each in radio.names:
+        role, _, name = each.partition(":")
+        if role not in ROLES or not name:
+            raise ValueError(f"radio.names: {each!r}: must be role:name, with a role of {', '.join(ROLES)}")
+    running = [name for host in hosts.values() for name in host.services]
+    for name in running:
+        if running.count(name) > 1:
+            raise ValueError(f"hosts: {name} runs on both, must be on one")
+        if name not in SERVICES:
+            raise ValueError(f"hosts: {name}: must be one of {', '.join(SERVICES)}")
+    for host, gateway in GATEWAYS.items():
+        if gateway not in hosts[host].services:
+            raise ValueError(f"hosts.{host}.services: must contain {gateway}")
+    if here not in (*GATEWAYS, CONSOLE):
+        raise ValueError(f"system.host = {here!r}: must be one of {', '.join(GATEWAYS)}, {CONSOLE}")
 
 
 def common_name(role: str, name: str) -> str:

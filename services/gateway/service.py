@@ -14,7 +14,7 @@ from schemas.topics import RADIO_CLOCK
 from services.config import Config
 from services.gateway import offset
 from services.gateway.access import CLOCK
-from services.gateway.radio import Radio, common_name
+from services.gateway.radio import Radio
 from services.gateway.refusals import listening
 from services.runtime.node import Node
 
@@ -56,14 +56,14 @@ async def run(node: Node, config: Config) -> None:
 
 
 def _times(node: Node) -> bytes:
-    return json.dumps([node.clock.now_ns(), time.time_ns()]).encode()  # noqa: TID251  (the time of day itself)
+    return json.dumps([node.clock.now_ns(), time.time_ns()]).encode()
 
 
 class Remotes:
     """Who is connected, by certificate, and how often each came."""
 
     def __init__(self, radio: Radio) -> None:
-        self._known = {common_name(role, name) for name, role in radio.names.items()}
+        self._known = set(radio.names)
         self._sessions = dict[str, str]()
         self.connects = 0
 
@@ -115,7 +115,7 @@ class Comparison:
         self._up, self._heard_ns = True, t_3_ns
         self._round_trip_s = (t_3_ns - t_0_ns) * 1e-9
         lag_ns = self._node.clock.now_ns() - (t_0_ns + t_3_ns) // 2
-        self._apart_s = (of_day_ns + lag_ns - time.time_ns()) * 1e-9  # noqa: TID251
+        self._apart_s = (of_day_ns + lag_ns - time.time_ns()) * 1e-9
 
     def _publish(self, connects: int) -> None:
         now_ns = self._node.clock.now_ns()

@@ -37,7 +37,7 @@ def gateway_bus(config: Config, bus: BusConfig) -> BusConfig:
 def console_bus(config: Config, bus: BusConfig) -> BusConfig:
     """The bus of a console: a client of the ground's gateway. Raises as `gateway_bus`."""
     radio = _radio(config)
-    role = radio.names.get(radio.console)
+    role = radio.role_of(radio.console)
     if role not in ("operator", "viewer"):
         raise ConfigError(f"radio.console = {radio.console!r}: must be an operator or a viewer of radio.names")
     _resolve(radio.address)
@@ -58,7 +58,7 @@ def _radio(config: Config) -> Radio:
 
 
 def _only_name(radio: Radio, role: str) -> str:
-    names = [name for name, r in radio.names.items() if r == role]
+    names = radio.of_role(role)
     if len(names) != 1:
         raise ConfigError(f"radio.names: {len(names)} names of role {role}: must be one")
     return names[0]

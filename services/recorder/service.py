@@ -57,7 +57,13 @@ async def record(
     mailboxes = {topic.key: bus.mailbox(topic.key) for topic in LOGGED}
     epoch_ns = time.time_ns() - node.clock.now_ns()
     with SessionWriter(
-        file, LOGGED, epoch_ns=epoch_ns, chunk_bytes=params.chunk_bytes, metadata=metadata, attachments=attachments
+        file,
+        LOGGED,
+        epoch_ns=epoch_ns,
+        chunk_bytes=params.chunk_bytes,
+        metadata=metadata,
+        attachments=attachments,
+        hosts=node.hosts,
     ) as session:
         try:
             await _write_on(node, session, mailboxes, max(1, round(params.flush_period_s * RATE_HZ)))

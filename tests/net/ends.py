@@ -14,6 +14,7 @@ import random
 import sys
 from typing import Any
 
+from schemas.estimation import CableForce, Tare
 from schemas.guidance import GuidanceCommand
 from schemas.message import Message, Quaternion, Vec3
 from schemas.simulation import Truth
@@ -44,6 +45,16 @@ def message(key: str, padding: int) -> Message:
             path_error_m=1 / 7,
         ),
         "handle/state": HandleState(position_m=THIRD, velocity_mps=THIRD, source=HandleSource.MOCAP, lag_s=0.06),
+        "force/cable": CableForce(
+            force_N=THIRD,
+            observed_N=THIRD,
+            bias_N=THIRD,
+            bias_change_N=1 / 7,
+            taut=True,
+            slack_m=0.0,
+            tare=Tare.PASSED,
+            tare_report="",
+        ),
         "sim/truth": Truth(
             robot_position_m=THIRD,
             robot_velocity_mps=THIRD,

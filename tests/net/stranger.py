@@ -14,7 +14,7 @@ from typing import Any
 
 import zenoh
 
-SCOUTING = {"scouting/multicast/enabled": False, "scouting/gossip/enabled": False, "connect/timeout_ms": 3000}
+SCOUTING = {"scouting/multicast/enabled": False, "scouting/gossip/enabled": False, "connect/timeout_ms": 1500}
 
 
 def main() -> None:

@@ -41,10 +41,10 @@ def make_certificates(into: Path, names: dict[str, Role] = NAMES) -> None:
 
 def write_profile(file: Path, host: str, extra: str = "", names: dict[str, Role] = NAMES) -> Path:
     """The two-host profile for these addresses; `extra` is more TOML, at its end."""
-    known = ", ".join(f'{name} = "{role}"' for name, role in names.items())
+    known = ", ".join(f'"{role}:{name}"' for name, role in names.items())
     file.write_text(
         f'base = "two_hosts"\n[system]\nname = "t"\nhost = "{host}"\n'
-        f'[radio]\naddress = "{GROUND_IP}"\nconsole = "console"\nnames = {{ {known} }}\n'
+        f'[radio]\naddress = "{GROUND_IP}"\nconsole = "console"\nnames = [{known}]\n'
         f'[simulator]\ncompanion = "10.79.0.1:14540"\n{extra}'
     )
     return file
