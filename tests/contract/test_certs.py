@@ -188,5 +188,5 @@ def test_installing_plans_every_service_of_the_host_and_nothing_of_the_other(tmp
 
 
 def test_a_name_without_a_role(tmp_path):
-    with pytest.raises(ConfigError, match="radio.names: 'anna': must be role:name, with a role of drone, ground"):
+    with pytest.raises(ConfigError, match=r"radio.names: 'anna': must be role:name, with a role of drone, ground"):
         profile(tmp_path, "drone", names="anna")
