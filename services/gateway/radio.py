@@ -36,6 +36,8 @@ class Radio:
     """The certificate of this machine where it is neither of the hosts but a person's console."""
     delay_allowed_s: NonNegative
     """What may be added to the age of what crossed the radio before it is stale."""
+    connect_s: Positive
+    """An attempt to connect that has not succeeded by then is made anew: about eight round trips are needed."""
     ask_period_s: Positive
     """Between two comparisons of the clocks."""
     drift_per_s: NonNegative

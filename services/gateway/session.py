@@ -32,6 +32,7 @@ def gateway(host: str, radio: Radio, services: Services, files: Credentials, pre
     """Zenoh's settings of the gateway of `host`, beyond a peer's."""
     return _tls(files) | {
         "mode": "router",
+        "transport/unicast/open_timeout": round(radio.connect_s * 1e3),
         "listen/timeout_ms": -1,
         "listen/exit_on_failure": False,
         "transport/link/tls/listen_certificate": str(files.certificate),
