@@ -26,7 +26,8 @@ QUEUE = 16
 
 RETRY_ms = 100
 RUNTIME = "(rx: (worker_threads: 1), tx: (handover: rx), net: (handover: rx), acc: (handover: rx), app: (handover: rx))"
-"""One thread of Zenoh's own for each session instead of six: on two cores their hand-overs cost more than their work."""
+"""One thread of Zenoh's own for each session instead of six: on two cores their hand-overs cost more than their work.
+Not over a radio: there a declaration waits for a link that is dead, and with one thread everything waits with it, for 3 s."""
 
 # Nothing blocks: a blocked put on a dead link stalls local delivery too. Nothing is `express`: each such message takes a
 # batch of its own, the queue holds QUEUE of them, and a stall of 50 ms already cost samples; it saved 0.05 ms a hop.
@@ -174,7 +175,8 @@ def open_bus(config: BusConfig, name: str) -> Generator[ZenohBus]:
         AlreadyRunning: a living process holds the service's name.
         ValueError: a socket's path is too long.
     """
-    os.environ.setdefault("ZENOH_RUNTIME", RUNTIME)
+    if not config.settings:
+        os.environ.setdefault("ZENOH_RUNTIME", RUNTIME)
     if config.log_levels:
         zenoh.init_log_from_env_or(config.log_levels)
     is_service = name in config.services
