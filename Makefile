@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test test-net check bench figures lock clean
+.PHONY: demo test test-net check bench bench-net figures lock clean
 
 demo: .venv/.ready
 	$(BIN)/clew demo
@@ -21,6 +21,10 @@ check: .venv/.ready
 
 bench: .venv/.ready
 	$(BIN)/python -m benchmarks
+
+# Needs root, and the machine to itself.
+bench-net: .venv/.ready
+	$(BIN)/python -m benchmarks.net
 
 figures: .venv/.ready
 	$(BIN)/python -m benchmarks.figures

@@ -31,6 +31,8 @@ class Inbox(Generic[M]):
         self.dated = True
         """Whether the newest message's stamp is on this host's clock."""
         self.message: M | None = None
+        self.obeys = True
+        """Whether its reader acts on commands; who only watches may look rarely, and sees them old."""
         self.received_ns = 0
         self.received = 0
         self.restarts = 0
@@ -107,7 +109,7 @@ class Inbox(Generic[M]):
     def _check_lifetime(self, here_ns: int | None, now_ns: int) -> None:
         """A command is obeyed while it is young; one from the future was not said by this publisher's clock."""
         topic = self.topic
-        if topic.lifetime_s == float("inf"):
+        if topic.lifetime_s == float("inf") or not self.obeys:
             return
         if here_ns is None:
             raise ValueError("its age is not known: the clocks of the two hosts have not been compared")

@@ -118,6 +118,7 @@ class Node:
             raise ValueError(f"{self.name} may not read {topic.key}: the table lists {', '.join(topic.subscribers)}")
         if topic.key not in self._inboxes:
             self._inboxes[topic.key] = Inbox(topic, self.bus, self.clock, self.reject, self.hosts)
+            self._inboxes[topic.key].obeys = self.name in topic.subscribers
         return self._inboxes[topic.key]
 
     def _compare_clocks(self) -> None:
