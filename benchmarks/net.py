@@ -57,12 +57,12 @@ def show(title: str, columns: Row, rows: list[Row]) -> None:
     Console(width=140).print(table)
 
 
-def up(folder: Path, extra: str = "", *, ahead_s: int = 0) -> TwoHosts:
+def up(folder: Path, radio: str = "", extra: str = "") -> TwoHosts:
     """Two hosts with certificates and profiles; enter it."""
     make_certificates(folder / "certs")
     for host in ("drone", "ground"):
-        write_profile(folder / f"{host}.toml", host, extra)
-    return TwoHosts(folder, drone_ahead_s=ahead_s)
+        write_profile(folder / f"{host}.toml", host, radio, extra)
+    return TwoHosts(folder)
 
 
 def gateways(hosts: TwoHosts) -> None:
@@ -179,7 +179,10 @@ def flight(folder: Path, delays_ms: list[float]) -> tuple[str, Row, list[Row]]:
 def fly(folder: Path, delay_ms: float) -> tuple[dict[str, Any], dict[str, float]]:
     """One flight; its summary, and what crossed the radio from take-off to landing."""
     folder.mkdir(parents=True)
-    with up(folder) as hosts:
+    # So slow a radio is refused as it is: connecting takes eight round trips, and clocks are known to half of one.
+    radio = f"connect_s = {max(0.7, 0.03 * delay_ms)}\n"
+    extra = f"[safety_supervisor.limits]\nclock_uncertainty_max_s = {max(0.05, 0.002 * delay_ms)}\n"
+    with up(folder, radio, extra) as hosts:
         hosts.shape(**QUIET | {"delay_ms": delay_ms})
         hosts.clew("drone", "up", str(folder / "drone.toml"), "--out", str(folder / "onboard"))
         began, before = time.monotonic(), hosts.shape()

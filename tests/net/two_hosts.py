@@ -39,12 +39,12 @@ def make_certificates(into: Path, names: dict[str, Role] = NAMES) -> None:
         certs.issue(into, name, role, [GROUND_IP])
 
 
-def write_profile(file: Path, host: str, extra: str = "", names: dict[str, Role] = NAMES) -> Path:
-    """The two-host profile for these addresses; `extra` is more TOML, at its end."""
+def write_profile(file: Path, host: str, radio: str = "", extra: str = "", names: dict[str, Role] = NAMES) -> Path:
+    """The two-host profile for these addresses; `radio` is more TOML in that section, `extra` at the end."""
     known = ", ".join(f'"{role}:{name}"' for name, role in names.items())
     file.write_text(
         f'base = "two_hosts"\n[system]\nname = "t"\nhost = "{host}"\n'
-        f'[radio]\naddress = "{GROUND_IP}"\nconsole = "console"\nnames = [{known}]\n'
+        f'[radio]\naddress = "{GROUND_IP}"\nconsole = "console"\nnames = [{known}]\n{radio}'
         f'[simulator]\ncompanion = "10.79.0.1:14540"\n{extra}'
     )
     return file
