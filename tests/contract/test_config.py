@@ -122,3 +122,22 @@ def test_the_resolved_configuration_survives_its_file(tmp_path):
     again = load(str(tmp_path / "config.json"))
     assert isinstance(again, Config)
     assert again.model_dump() == config.model_dump()
+
+
+def test_a_profile_over_a_base_replaces_single_values_and_whole_lists(tmp_path):
+    file = tmp_path / "mine.toml"
+    file.write_text('base = "demo"\n[system]\nname = "mine"\nservices = ["tracker"]\n[tracker.handle]\nlost_s = 0.7\n')
+    mine, demo = load(str(file)), load("demo")
+    assert (mine.system.name, mine.system.services) == ("mine", ("tracker",))
+    assert mine.tracker.handle.lost_s == 0.7
+    assert mine.tracker.handle.tau_s == demo.tracker.handle.tau_s
+    file.write_text('base = "nowhere"\n')
+    with pytest.raises(ConfigError, match=r"mine.toml: base = nowhere: no such file"):
+        load(str(file))
+
+
+def test_both_hosts_of_a_pair_agree_on_everything_but_which_they_are():
+    drone, ground = load("drone").model_dump(), load("ground").model_dump()
+    assert (drone["system"].pop("host"), ground["system"].pop("host")) == ("drone", "ground")
+    assert not set(drone["system"].pop("services")) & set(ground["system"].pop("services"))
+    assert drone == ground
