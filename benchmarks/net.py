@@ -19,13 +19,16 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from schemas.topics import CABLE_FORCE, GUIDANCE
+from schemas.topics import CABLE_FORCE, GUIDANCE, TOPICS
+from services.config import load
+from services.recorder.reading import read
 from tests.net.conftest import linked
 from tests.net.two_hosts import TwoHosts, can, lines, make_certificates, read_until, stop, write_profile
 
 BAD: dict[str, float] = {"delay_ms": 20.0, "jitter_ms": 5.0, "loss": 0.05, "rate_Mbit_s": 5.0}
 QUIET: dict[str, float] = {"delay_ms": 2.0, "jitter_ms": 0.5, "loss": 0.0, "rate_Mbit_s": 0.0}
 OUTAGE_s = 2.0
+DELAYS_ms = [0.0, 20.0]
 Row = tuple[str, ...]
 
 
@@ -42,8 +45,9 @@ def main() -> int:
     for name in wanted.only.split(","):
         folder = Path(tempfile.mkdtemp(prefix="clew-net-"))
         try:
-            title, columns, rows = flight(folder, delays) if name == "flight" else BENCHES[name](folder)
-            show(title, columns, rows)
+            show(*(flight(folder, delays) if name == "flight" else BENCHES[name](folder)))
+            if name == "flight":
+                show(*bandwidth(folder / f"{(delays or DELAYS_ms)[0]:g}"))
         finally:
             shutil.rmtree(folder)
     return 0
@@ -169,7 +173,7 @@ def outages(hosts: TwoHosts, count: int) -> tuple[list[float], list[dict[str, An
 def flight(folder: Path, delays_ms: list[float]) -> tuple[str, Row, list[Row]]:
     """The experiment of `make demo`, split over two hosts; one flight for each delay, and without a delay first."""
     rows: list[Row] = []
-    for delay_ms in delays_ms or [0.0, 20.0]:
+    for delay_ms in delays_ms or DELAYS_ms:
         summary, rates = fly(folder / f"{delay_ms:g}", delay_ms)
         rows.append((f"{delay_ms:g}", *told(summary), f"{rates['up']:.2f}", f"{rates['down']:.2f}"))
     columns = ("delay ms", "ok", "mean error cm", "max cm", "hand force max N", "guiding s", "up Mbit/s", "down Mbit/s")
@@ -195,6 +199,24 @@ def fly(folder: Path, delay_ms: float) -> tuple[dict[str, Any], dict[str, float]
             stop(process)
         rates = {way: (after[f"{way}_bytes"] - before[f"{way}_bytes"]) * 8e-6 / took for way in ("up", "down")}
         return json.loads((folder / "sessions" / "latest" / "summary.json").read_text()), rates
+
+
+def bandwidth(folder: Path) -> tuple[str, Row, list[Row]]:
+    """By topic, from the ground's recording: payloads as they are said, before compression and what TLS and TCP add."""
+    session, config = read(folder / "sessions" / "latest" / "session.mcap"), load(str(folder / "ground.toml"))
+    onboard = set(config.hosts["drone"].services)
+    rows: list[tuple[float, Row]] = []
+    for topic in TOPICS:
+        up, down = topic.publisher in onboard, topic.publisher not in onboard and bool(onboard & set(topic.subscribers))
+        log = session.logs.get(topic.key)
+        if log and (up or down):
+            rate_Hz = len(log.payloads) / session.duration_s
+            size = sum(map(len, log.payloads)) / len(log.payloads)
+            kbit_s = 8e-3 * rate_Hz * size
+            way = "up" if up else "down"
+            rows.append((kbit_s, (topic.key, way, f"{rate_Hz:.1f}", f"{size:.0f}", f"{kbit_s:.0f}")))
+    columns = ("topic", "way", "Hz on the radio", "bytes", "kbit/s")
+    return "what crosses the radio", columns, [row for _, row in sorted(rows, reverse=True)]
 
 
 def told(summary: dict[str, Any]) -> Row:
