@@ -12,6 +12,7 @@ from schemas.topics import (
     ENERGY,
     GUIDANCE,
     HANDLE_STATE,
+    RADIO_CLOCK,
     REPLY,
     REQUEST,
     SAFETY_STATE,
@@ -40,10 +41,13 @@ class Senses:
         self.setpoint = node.latest(SETPOINT)
         self.energy = node.latest(ENERGY)
         self.requests = node.queue(REQUEST)
+        self.clocks = node.latest(RADIO_CLOCK) if node.hosts.two else None
 
     def inputs(self, tick: Tick) -> dict[str, int]:
         """What a verdict was made of."""
         heard = (self.handle, self.vehicle, self.force, self.guidance, self.setpoint, self.energy, self.requests)
+        if self.clocks:
+            heard = (*heard, self.clocks)
         return used(*heard, tick=tick)
 
 
@@ -114,6 +118,7 @@ def _facts(senses: Senses, person: Person, stall_s: float, config: Config) -> Fa
     """What the rules are judged by; what is unknown is judged by its age, not by a guess."""
     hand, robot, force = senses.handle.message, senses.vehicle.message, senses.force.message
     energy = senses.energy.message
+    clock = senses.clocks.value if senses.clocks else None
     p, world = config.safety_supervisor, config.world
     p_R = robot.position_m.array() if robot else np.zeros(3)
     p_H = hand.position_m.array() if hand and hand.valid else p_R - np.array([0.0, 0.0, config.cable.rest_length_m])
@@ -145,7 +150,16 @@ def _facts(senses: Senses, person: Person, stall_s: float, config: Config) -> Fa
         tank_scale=energy.tank_scale if energy else 1.0,
         battery_fraction=robot.battery_fraction if robot else 1.0,
         stall_s=stall_s,
+        clock_uncertainty_s=_clock_uncertainty_s(senses),
+        time_of_day_apart_s=abs(clock.time_of_day_apart_s) if clock else 0.0,
     )
+
+
+def _clock_uncertainty_s(senses: Senses) -> float:
+    if senses.clocks is None:
+        return 0.0
+    clock = senses.clocks.value
+    return clock.uncertainty_s if clock else float("inf")
 
 
 def _age_s(reader: Latest[Any]) -> float:
