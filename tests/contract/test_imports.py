@@ -14,8 +14,8 @@ from schemas.topics import SERVICES
 from services.start import module_of
 
 ROOT = Path(__file__).parents[2]
-DEVICES = {"service", "sources", "vehicle", "vehicle_protocol", "mavlink", "mavlink_streams"}
-DEVICES |= {"session", "start", "console", "refusals"}  # the gateway's
+OF_GATEWAY = {"session", "start", "console", "refusals"}
+DEVICES = {"service", "sources", "vehicle", "vehicle_protocol", "mavlink", "mavlink_streams"} | OF_GATEWAY
 LAW_FOLDERS = (
     "tracker",
     "force_estimator",
