@@ -4,8 +4,7 @@ import asyncio
 import json
 import sys
 from collections import Counter, defaultdict
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from dataclasses import asdict, dataclass, field, replace
 
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
@@ -95,16 +94,16 @@ class Watch:
 def _with_clock(view: View, clock: RadioClock | None) -> View:
     if clock is None:
         return view
-    known: dict[str, Any] = {
-        "up": clock.up,
-        "round_trip_ms": round(clock.round_trip_s * 1e3, 2),
-        "clock_offset_s": clock.ground_minus_drone_ns * 1e-9 if clock.valid else None,
-        "clock_uncertainty_ms": round(clock.uncertainty_s * 1e3, 2) if clock.valid else None,
-        "time_of_day_apart_ms": round(clock.time_of_day_apart_s * 1e3, 1),
-        "connects": clock.connects,
-        "unanswered": clock.unanswered,
-    }
-    return View(**(asdict(view) | {"topics": view.topics} | known))
+    return replace(
+        view,
+        up=clock.up,
+        round_trip_ms=round(clock.round_trip_s * 1e3, 2),
+        clock_offset_s=clock.ground_minus_drone_ns * 1e-9 if clock.valid else None,
+        clock_uncertainty_ms=round(clock.uncertainty_s * 1e3, 2) if clock.valid else None,
+        time_of_day_apart_ms=round(clock.time_of_day_apart_s * 1e3, 1),
+        connects=clock.connects,
+        unanswered=clock.unanswered,
+    )
 
 
 def _ms(seconds: float) -> float | None:

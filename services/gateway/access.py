@@ -33,7 +33,8 @@ Services = Mapping[str, Sequence[str]]
 
 def says(role: str, services: Services, topics: Iterable[Topic[Message]] = TOPICS) -> list[str]:
     """Keys on which a remote of this role may put."""
-    voices = {*services.get(role, ())} | ({OPERATOR} if role in ("ground", "operator") else set())
+    operators = (OPERATOR,) if role in ("ground", "operator") else ()
+    voices = {*services.get(role, ()), *operators}
     return [topic.key for topic in topics if topic.publisher in voices]
 
 

@@ -103,7 +103,11 @@ class ZenohBus:
     def answer(self, key: str, reply: Callable[[], bytes]) -> None:
         """Answer each question on `key` at once, in Zenoh's thread: `reply` must not wait."""
         full = self._prefix + key
-        self._session.declare_queryable(full, lambda query: query.reply(full, reply()))
+
+        def told(query: zenoh.Query) -> None:
+            query.reply(full, reply())
+
+        self._session.declare_queryable(full, told)
 
     def ask(self, key: str, on_reply: Callable[[bytes, int], None], timeout_s: float) -> None:
         """Ask; `on_reply` gets the answer and when it arrived (monotonic, ns), in the running loop."""

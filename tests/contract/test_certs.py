@@ -163,8 +163,14 @@ def test_names_of_the_profile(folder, tmp_path):
     ("extra", "why"),
     [
         ('[hosts.drone]\nservices = ["px4_bridge"]\n', "hosts.drone.services: must contain drone_gateway"),
-        ('[hosts.drone]\nservices = ["drone_gateway", "tracker"]\n', "hosts: tracker runs on both, must be on one"),
-        ('[hosts.drone]\nservices = ["drone_gateway", "pilot"]\n', "['pilot']: must be one of tracker"),
+        (
+            '[hosts.drone]\nservices = ["drone_gateway", "tracker"]\n',
+            "hosts.drone.services: tracker runs twice, must be on one host and once",
+        ),
+        (
+            '[hosts.drone]\nservices = ["drone_gateway", "pilot"]\n',
+            "hosts.drone.services: pilot: must be one of tracker",
+        ),
         ("[hosts.moon]\nservices = []\n", "hosts = drone, ground, moon: must be drone and ground"),
     ],
 )

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from services.config import Config, ConfigError, load
+from services.config import Config, ConfigError, load, told_in
 from services.profile_file import deploy_folder
 
 DEMO = (deploy_folder() / "profiles" / "demo.toml").read_text()
@@ -141,10 +141,16 @@ def test_a_profile_over_a_base_replaces_single_values_and_whole_lists(tmp_path):
 @pytest.mark.parametrize(
     ("mine", "complaint"),
     [
-        ("[hosts.drone]\nservices = ['drone_gateway', 'trakcer']", "mine.toml: hosts.drone.services: trakcer: must be one"),
+        (
+            "[hosts.drone]\nservices = ['drone_gateway', 'trakcer']",
+            "mine.toml: hosts.drone.services: trakcer: must be one",
+        ),
         ("[hosts.drone]\nservices = 'tracker'", "mine.toml: hosts.drone.services"),
         ("[hosts.drone]\nservices = ['drone_gateway', 3]", "mine.toml: hosts.drone.services.1 = 3"),
-        ("[hosts.drone]\nservices = ['drone_gateway', 'tracker']", "mine.toml: hosts.drone.services: tracker runs twice"),
+        (
+            "[hosts.drone]\nservices = ['drone_gateway', 'tracker']",
+            "mine.toml: hosts.drone.services: tracker runs twice",
+        ),
         ("[radio]\nports = [7447, 0]", "mine.toml: radio.ports.1 = 0"),
         ("[radio]\nnames = ['boss:me']", "mine.toml: radio.names: 'boss:me': must be role:name"),
         ("", "ground.toml: system.host = 'moon'"),

@@ -47,7 +47,7 @@ FINE = Facts(
     battery_fraction=1.0,
     stall_s=0.0,
 )
-WORST = Facts(9.0, 9.0, 9.0, 9.0, 9.0, False, 9.0, 0.0, 0.0, 1.0, 1.0, 9.0, 0.0, 9.0, 9.0, 9.0)
+WORST = Facts(9.0, 9.0, 9.0, 9.0, 9.0, False, 9.0, 0.0, 0.0, 1.0, 1.0, 9.0, 9.0, 0.0, 0.0, 9.0, 9.0, 9.0)
 DT = 0.05
 NAMES = {rule.name: rule for rule in RULES}
 # One value on either side of each limit: what breaks exactly this rule (and those that a graver case of it implies).

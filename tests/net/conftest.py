@@ -44,6 +44,16 @@ def hosts(bare: TwoHosts) -> Generator[TwoHosts]:
     del bare.processes[before:]
 
 
+@pytest.fixture(autouse=True)
+def nobody_left(hosts: TwoHosts) -> Generator[None]:
+    """What a test that failed left running does not disturb the next."""
+    before = list(hosts.processes)
+    yield
+    for process in [each for each in hosts.processes if each not in before and "gateway" not in str(each.args)]:
+        stop(process)
+        hosts.processes.remove(process)
+
+
 def linked(hosts: TwoHosts, seconds: float = 15.0) -> None:
     """Wait until the two clocks have been compared, as a reader on the ground sees it."""
     ear = hosts.end("ground", "first", str(hosts.folder / "ground.toml"), "watcher", str(seconds), "radio/clock")
