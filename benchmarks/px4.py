@@ -110,7 +110,7 @@ def simulated_push(vehicle: str) -> Push:
 
 def cell(vehicle: str, M_A_kg: float, k_c: float, seconds: float = 16.0) -> Array:
     """Tension in N of the last half, one per 4 ms: the hand fixed, the cable at 56°, as in the simulated map."""
-    with rig_of(vehicle, M_A_kg) as rig:
+    with rig_of(vehicle, M_A_kg, pace=3.0) as rig:
         wanted, hand = stability.WANTED_N, stability.HAND
         line = Cable(rest_length_m=1.0, k_c_N_per_m=k_c, d_c_Ns_per_m=1.0)
         start = hand + cable.offset(wanted, line)
@@ -129,11 +129,11 @@ def cell(vehicle: str, M_A_kg: float, k_c: float, seconds: float = 16.0) -> Arra
 
 
 @contextmanager
-def rig_of(vehicle: str, M_A_kg: float = 0.0) -> Generator[Rig]:
+def rig_of(vehicle: str, M_A_kg: float = 0.0, pace: float = 1.0) -> Generator[Rig]:
     """A rig with a PX4 of its own; the virtual mass is the vehicle's where none is given."""
     config = config_of(vehicle)
     with tempfile.TemporaryDirectory() as folder, px4(config, Path(folder)) as hil:
-        rig = Rig(config, hil, M_A_kg or config.vehicle.quadrotor.mass_kg)
+        rig = Rig(config, hil, M_A_kg or config.vehicle.quadrotor.mass_kg, pace)
         with closing(rig.vehicle):
             yield rig
 

@@ -36,7 +36,9 @@ from services.simulator.world import Told
 from tests.services.px4_chain import PX4_BIN
 
 COLUMNS = ("set-point to its echo", "echoes", "p50 ms", "p90 ms", "p99 ms")
-RATE_HZ, SECONDS, CLIMB_S, HEIGHT_M = 125.0, 12.0, 8.0, 1.5
+RATE_HZ, SECONDS, CLIMB_S, HEIGHT_M = 121.0, 12.0, 8.0, 1.5
+"""Not PX4's own 125 Hz: the phase between the two loops, which is a matter of luck, passes through all of its values."""
+ECHO_HZ = 125.0
 MARKS, MARK_M = 2000, 2e-6
 ECHO = "POSITION_TARGET_LOCAL_NED"
 _ECHO_ID, _POSE_ID = 85, 102
@@ -129,7 +131,7 @@ async def _take_off(vehicle: MavsdkVehicle) -> None:
             break
         except VehicleError:
             continue
-    interval = telecommand.command(telecommand.SET_INTERVAL, _ECHO_ID, 1e6 / RATE_HZ)
+    interval = telecommand.command(telecommand.SET_INTERVAL, _ECHO_ID, 1e6 / ECHO_HZ)
     await vehicle._command("rate of the echo", interval)  # pyright: ignore[reportPrivateUsage]
     await asyncio.sleep(CLIMB_S)
 

@@ -1,11 +1,13 @@
 """A rig round real PX4: the vehicle flies under any force from outside, the bridge's own laws make its set-points.
 
-No services and no clock: PX4 is in lockstep with the physics, so a rig flies as fast as the machine can. What PX4 knows it
-knows from its messages and from motion capture, noise included; the force estimate is the observer's, from PX4's attitude,
-motor outputs and accelerometer.
+No services: PX4 is in lockstep with the physics. But it takes messages up in threads that follow the host's clock, so a
+delay of a millisecond is several of a flight that runs several times as fast as the world: a rig is held to `pace` times
+real time. What PX4 knows it knows from its messages and from motion capture, noise included; the force estimate is the
+observer's, from PX4's attitude, motor outputs and accelerometer.
 """
 
 import asyncio
+import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -45,7 +47,7 @@ def px4(config: Config, folder: Path) -> Generator[Px4Hil]:
 class Rig:
     """One vehicle that PX4 flies; `tick` is 4 ms."""
 
-    def __init__(self, config: Config, hil: Px4Hil, M_A_kg: float) -> None:
+    def __init__(self, config: Config, hil: Px4Hil, M_A_kg: float, pace: float = 1.0) -> None:
         self.config, self.hil = config, hil
         self.body = config.vehicle.quadrotor
         self.filter: Admittance = replace(config.px4_bridge.admittance, M_A_kg=M_A_kg)
@@ -58,9 +60,12 @@ class Rig:
         self.vehicle = Px4Vehicle(config.px4_bridge.vehicle, lambda: 1000 * hil.time_us + 1, hil, port)
         self._random = np.random.default_rng(config.system.seed)
         self._ticks, self._p_sent = 0, self.state.p_W
+        self._period_s, self._due_s = STEP_S / pace, time.monotonic()
 
     def tick(self, command: Command, force: Force = NO_FORCE) -> None:
         """The physics under PX4's motors and `force`, the laws on what PX4 says, a set-point, a pose."""
+        self._due_s = max(self._due_s + self._period_s, time.monotonic() - STEP_S)
+        time.sleep(max(0.0, self._due_s - time.monotonic()))
         motors, v_before = self.vehicle.motors(), self.state.v_W
         for _ in range(PHYSICS_STEPS):
             self.state = quadrotor.step(self.state, motors, force(self.state), STEP_S / PHYSICS_STEPS, self.body)

@@ -51,6 +51,8 @@ class Facts(NamedTuple):
     """What the supervisor knows at one tick; ages are infinite where nothing has arrived."""
 
     handle_age_s: float
+    robot_pose_age_s: float
+    """Of what motion capture says; the autopilot's own position goes on without it, and drifts."""
     vehicle_age_s: float
     force_age_s: float
     guidance_age_s: float
@@ -93,6 +95,8 @@ RULES: tuple[Rule, ...] = (
     Rule("vehicle_silent",    lambda f, p: f.vehicle_age_s > p.age_hold_s,          FLYING | {Phase.IDLE}, 0.0, Level.HOLD, "the vehicle's state is stale",             "check the link between bridge and autopilot"),
     Rule("handle_hidden",     lambda f, p: f.handle_age_s > p.age_ease_s,           PREPARED, 0.0, Level.EASE,  "the handle is not seen",                   "check its markers and the capture system"),
     Rule("handle_lost",       lambda f, p: f.handle_age_s > p.age_hold_s,           ENGAGED, 2.0, Level.HOLD,  "the handle has not been seen for long",    "check its markers and the capture system"),
+    Rule("robot_hidden",      lambda f, p: f.robot_pose_age_s > p.age_hold_s,       PREPARED, 0.5, Level.EASE, "the vehicle is not seen",                  "check its markers and the capture system"),
+    Rule("robot_lost",        lambda f, p: f.robot_pose_age_s > p.age_hold_s,       FLYING,  1.5, Level.LAND,  "the autopilot flies without motion capture", "let go of the handle: it lands"),
     Rule("force_silent",      lambda f, p: f.force_age_s > p.age_ease_s,            PREPARED, 0.0, Level.EASE,  "the force estimate is stale",              "check force_estimator and the IMU stream"),
     Rule("guidance_silent",   lambda f, p: f.guidance_age_s > p.age_ease_s,         PULLING, 0.0, Level.EASE,  "guidance is stale",                        "check guiding_controller and the radio"),
     Rule("setpoints_silent",  lambda f, p: f.setpoint_age_s > p.age_ease_s,         ENGAGED, 0.0, Level.EASE,  "no set-points leave the bridge",           "check px4_bridge"),

@@ -15,6 +15,7 @@ from schemas.topics import (
     RADIO_CLOCK,
     REPLY,
     REQUEST,
+    ROBOT_POSE,
     SAFETY_STATE,
     SETPOINT,
     VEHICLE_STATE,
@@ -35,6 +36,7 @@ class Senses:
 
     def __init__(self, node: Node) -> None:
         self.handle = node.latest(HANDLE_STATE)
+        self.robot_pose = node.latest(ROBOT_POSE)
         self.vehicle = node.latest(VEHICLE_STATE)
         self.force = node.latest(CABLE_FORCE)
         self.guidance = node.latest(GUIDANCE)
@@ -45,10 +47,12 @@ class Senses:
 
     def inputs(self, tick: Tick) -> dict[str, int]:
         """What a verdict was made of."""
-        heard = (self.handle, self.vehicle, self.force, self.guidance, self.setpoint, self.energy, self.requests)
-        if self.clocks:
-            heard = (*heard, self.clocks)
-        return used(*heard, tick=tick)
+        seen, told = (
+            (self.handle, self.robot_pose),
+            (self.vehicle, self.force, self.guidance, self.setpoint, self.energy),
+        )
+        clocks = (self.clocks,) if self.clocks else ()
+        return used(*seen, *told, self.requests, *clocks, tick=tick)
 
 
 class Person(NamedTuple):
@@ -135,6 +139,7 @@ def _facts(senses: Senses, person: Person, stall_s: float, config: Config) -> Fa
     pull = float(norm(force.force_N.array() - weight)) if force and person.held.held else 0.0
     return Facts(
         handle_age_s=_age_s(senses.handle),
+        robot_pose_age_s=_age_s(senses.robot_pose),
         vehicle_age_s=_age_s(senses.vehicle),
         force_age_s=_age_s(senses.force),
         guidance_age_s=_age_s(senses.guidance),

@@ -3,6 +3,7 @@
 import asyncio
 import ctypes
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -19,6 +20,7 @@ STOP_s = 0.7
 _POLL_s = 0.1
 _TAIL_lines = 8
 _PR_SET_PDEATHSIG = 1
+_UNKNOWN_PARAMETER = re.compile(r"Parameter (\w+) not found")
 
 
 class Px4NotThere(RuntimeError):
@@ -35,7 +37,10 @@ async def connected(p: Px4Sitl, vehicle: Vehicle, laboratory: Px4Parameters, fol
     async with AsyncExitStack() as held:
         listener = held.enter_context(_listening(p.port))
         process = held.enter_context(started(p, parameters, Path(folder)))
-        yield Px4Hil(held.enter_context(await _first(listener, p, process, Path(folder))))
+        connection = held.enter_context(await _first(listener, p, process, Path(folder)))
+        if process is not None:
+            _check_parameters(Path(folder), parameters)
+        yield Px4Hil(connection)
 
 
 @contextmanager
@@ -117,6 +122,17 @@ async def _first(
     raise Px4NotThere(f"{what} connected to port {p.port} within {p.appears_s:g} s")
 
 
+def _check_parameters(folder: Path, wanted: Px4Parameters) -> None:
+    """PX4 goes on without a parameter that it does not know, and only its log says so. Raises Px4NotThere."""
+    unknown = sorted(set(_UNKNOWN_PARAMETER.findall("\n".join(_words(folder)))) & set(wanted))
+    if unknown:
+        raise Px4NotThere(f"PX4 has no parameter {', '.join(unknown)}: is its version the one that the profile is for?")
+
+
+def _words(folder: Path) -> list[str]:
+    return (folder / "logs" / "px4.log").read_text(errors="replace").splitlines()
+
+
 def _last_words(folder: Path) -> str:
-    lines = (folder / "logs" / "px4.log").read_text(errors="replace").splitlines()[-_TAIL_lines:]
+    lines = _words(folder)[-_TAIL_lines:]
     return "\n".join(f"  px4: {line}" for line in lines)

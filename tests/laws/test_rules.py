@@ -31,6 +31,7 @@ P = Limits(
 )
 FINE = Facts(
     handle_age_s=0.0,
+    robot_pose_age_s=0.0,
     vehicle_age_s=0.0,
     force_age_s=0.0,
     guidance_age_s=0.0,
@@ -47,7 +48,7 @@ FINE = Facts(
     battery_fraction=1.0,
     stall_s=0.0,
 )
-WORST = Facts(9.0, 9.0, 9.0, 9.0, 9.0, False, 9.0, 0.0, 0.0, 1.0, 1.0, 9.0, 9.0, 0.0, 0.0, 9.0, 9.0, 9.0)
+WORST = Facts(9.0, 9.0, 9.0, 9.0, 9.0, 9.0, False, 9.0, 0.0, 0.0, 1.0, 1.0, 9.0, 9.0, 0.0, 0.0, 9.0, 9.0, 9.0)
 DT = 0.05
 NAMES = {rule.name: rule for rule in RULES}
 # One value on either side of each limit: what breaks exactly this rule (and those that a graver case of it implies).
@@ -57,6 +58,8 @@ CASES: dict[str, tuple[str, object, object, set[str]]] = {
     "vehicle_silent": ("vehicle_age_s", 0.99, 1.01, set()),
     "handle_hidden": ("handle_age_s", 0.19, 0.21, set()),
     "handle_lost": ("handle_age_s", 0.99, 1.01, {"handle_hidden"}),
+    "robot_hidden": ("robot_pose_age_s", 0.99, 1.01, {"robot_lost"}),
+    "robot_lost": ("robot_pose_age_s", 0.99, 1.01, {"robot_hidden"}),
     "force_silent": ("force_age_s", 0.19, 0.21, set()),
     "guidance_silent": ("guidance_age_s", 0.19, 0.21, set()),
     "setpoints_silent": ("setpoint_age_s", 0.19, 0.21, set()),
@@ -208,6 +211,7 @@ AGE, LENGTH = st.floats(0.0, 3.0), st.floats(-1.0, 2.0)
 FACTS = st.builds(
     Facts,
     handle_age_s=AGE,
+    robot_pose_age_s=AGE,
     vehicle_age_s=AGE,
     force_age_s=AGE,
     guidance_age_s=AGE,

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from schemas.safety import Action, Level, Permit, Phase
 from schemas.topics import CABLE_FORCE, ENERGY, HANDLE_STATE, MOCAP_FRAME, SETPOINT, TRUTH, Stance
-from schemas.tracking import HandleSource, MocapFrame
+from schemas.tracking import HandleSource, MocapFrame, RigidBody
 from services.cli import app
 from services.config import load
 from services.guiding_controller import maneuver
@@ -220,3 +220,29 @@ def test_a_hidden_handle_is_replaced_by_the_cable_and_nobody_is_pulled_blindly()
     error = vectors(guessed, "position_m") - at(stamps(guessed), flight.said[TRUTH.key], "handle_position_m")
     assert np.max(np.linalg.norm(error, axis=1)) < 0.15
     assert worst_pull_after(flight, begin * 1e-9) < 2.5
+
+
+def test_a_vehicle_that_is_not_seen_pulls_no_more_and_then_goes_to_land():
+    """The autopilot's own position goes on after the last pose, and does not say that it counts for 4.7 s only."""
+    hidden = []
+
+    async def script(stage: Stage) -> None:
+        put = stage.bus.put
+
+        def hide(key: str, payload: bytes, stance: Stance) -> None:
+            if key == MOCAP_FRAME.key and hidden:
+                frame = MocapFrame.model_validate_json(payload)
+                payload = frame.model_copy(update={"robot": RigidBody(tracked=False)}).model_dump_json().encode()
+            put(key, payload, stance)
+
+        stage.bus.put = hide
+        await until_guiding(stage, for_s=3.0)
+        hidden.append(stage.operator.clock.now_ns())
+        await stage.until(lambda state: state.permit is Permit.EASE, 1.6)
+        await stage.until(lambda state: state.level is Level.LAND, 1.1)
+        await asyncio.sleep(1.0)
+
+    flight = fly(quick_config(), script)
+    (t_ns,) = hidden
+    assert worst_pull_after(flight, t_ns * 1e-9) < 2.5
+    assert worst_pull_after(flight, t_ns * 1e-9 + 2.5) < 1.0

@@ -233,6 +233,7 @@ def test_a_stale_handle_means_no_guidance_and_says_why():
 ON_THE_GROUND = vehicle(np.array([-2.0, -0.5, 0.08]), armed=False, mode=FlightMode.HOLD)
 READY_FEEDS: dict[Any, Feed] = {
     HANDLE_STATE: lambda _: handle(HAND),
+    ROBOT_POSE: lambda _: pose(ABOVE),
     VEHICLE_STATE: lambda _: ON_THE_GROUND,
     CABLE_FORCE: lambda _: force(np.zeros(3)),
     GUIDANCE: lambda _: None,
@@ -253,8 +254,13 @@ def asked(feeds: dict[Any, Feed], *actions: Action) -> Said:
 
 @pytest.mark.parametrize(
     ("missing", "why"),
-    [(HANDLE_STATE, "the handle is not seen"), (VEHICLE_STATE, "vehicle's state is stale"), (CABLE_FORCE, "force")],
-    ids=["handle", "vehicle", "force"],
+    [
+        (HANDLE_STATE, "the handle is not seen"),
+        (ROBOT_POSE, "the vehicle is not seen"),
+        (VEHICLE_STATE, "vehicle's state is stale"),
+        (CABLE_FORCE, "force"),
+    ],
+    ids=["handle", "robot", "vehicle", "force"],
 )
 def test_a_start_is_refused_with_the_reason(missing, why):
     said = asked({topic: feed for topic, feed in READY_FEEDS.items() if topic is not missing}, Action.START)
@@ -280,7 +286,7 @@ def test_a_start_is_accepted_when_all_is_ready():
 
 def test_a_verdict_names_what_it_was_made_of():
     said = asked(READY_FEEDS | {SETPOINT: lambda _: setpoint()}, Action.START)
-    heard = {HANDLE_STATE, VEHICLE_STATE, CABLE_FORCE, SETPOINT, REQUEST}
+    heard = {HANDLE_STATE, ROBOT_POSE, VEHICLE_STATE, CABLE_FORCE, SETPOINT, REQUEST}
     last = said[SAFETY_STATE.key][-1]
     assert set(last.inputs) == {topic.key for topic in heard} | {TICK}
     for topic in heard:

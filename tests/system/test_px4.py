@@ -144,7 +144,7 @@ def test_after_a_loss_of_set_points_it_lands_and_is_not_flown_again(tmp_path):
 
 
 def test_without_motion_capture_nobody_is_pulled_and_it_comes_down(tmp_path):
-    """PX4 dead-reckons for a few seconds, then descends; we ease long before. A hand that holds on then stops its fall."""
+    """PX4 dead-reckons for 4.7 s, then descends wherever it is; by then nothing pulls and the person has been told to let go."""
     gone = []
 
     async def script(stage: Stage) -> None:
@@ -159,10 +159,10 @@ def test_without_motion_capture_nobody_is_pulled_and_it_comes_down(tmp_path):
     (t,) = gone
     assert not [m for m in flight.said[ROBOT_POSE.key] if m.stamp_ns * 1e-9 > t + 0.1]
     descends = next(m for m in flight.said[VEHICLE_STATE.key] if m.mode is FlightMode.LAND).stamp_ns * 1e-9
-    assert descends - t == pytest.approx(4.7, abs=0.7)
+    assert descends - t < 5.5
     assert pull_between(flight, t, descends) < 2.5
     assert pull_between(flight, t + 1.5, descends) < 1.0
-    assert pull_after(flight, descends) < 12.0
+    assert pull_after(flight, descends) < 1.0
     permits = {m.permit for m in flight.said[SAFETY_STATE.key] if m.stamp_ns * 1e-9 > t + 1.5}
     assert Permit.GUIDE not in permits
     assert flight.said[TRUTH.key][-1].robot_position_m.z < 0.3

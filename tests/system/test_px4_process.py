@@ -1,11 +1,13 @@
 """PX4 as a process that does not do as it should: each a line that says what to do, and nothing is left running."""
 
 import asyncio
+import contextlib
 import os
 import socket
 import stat
 import subprocess
 import sys
+import threading
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -87,6 +89,27 @@ def test_without_a_program_one_is_waited_for_and_asked_for(tmp_path):
         connect(tmp_path, "", appears_s=0.3)
 
 
+def test_a_px4_that_somebody_else_started_is_taken(tmp_path):
+    joined, met = threading.Event(), []
+
+    def px4() -> None:
+        while not joined.is_set():
+            for port in range(4561, 4570):
+                with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", port), 0.2):
+                    joined.wait(2.0)
+                    return
+
+    other = threading.Thread(target=px4)
+    other.start()
+    try:
+        connect(tmp_path, "", meanwhile=lambda _, hil: met.append(hil.starting))
+    finally:
+        joined.set()
+        other.join()
+    assert met == [True]
+    assert not (tmp_path / "logs").exists()
+
+
 def test_a_taken_port_is_named(tmp_path):
     sitl = CONFIG.simulator.px4_sitl
     assert sitl is not None
@@ -130,6 +153,14 @@ def test_it_is_started_in_a_folder_of_its_own_with_all_parameters_and_stopped(tm
     assert float(told["PX4_PARAM_MPC_THR_HOVER"]) == CONFIG.vehicle.cascade.hover_thrust
     assert not alive(int((work / "pid").read_text()))
     assert (tmp_path / "session" / "logs" / "px4.log").is_file()
+
+
+def test_a_parameter_that_it_does_not_know_is_named(tmp_path):
+    """PX4 itself goes on without it. Names that it complains of on its own account are none of ours."""
+    words = "for name in ('EKF2_EV_CTRL', 'TRIG_INTERFACE'): print('ERROR [param] Parameter', name, 'not found.', flush=True)"
+    binary = program(tmp_path, words + JOINS)
+    with pytest.raises(Px4NotThere, match=r"PX4 has no parameter EKF2_EV_CTRL: is its version"):
+        connect(tmp_path / "session", binary)
 
 
 def test_it_ends_with_a_simulator_that_is_killed(tmp_path):
