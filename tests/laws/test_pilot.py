@@ -7,13 +7,13 @@ from services.config import load
 from services.physics import GRAVITY_MPS2
 from services.px4_bridge.telemetry import HostTime
 from services.simulator import quadrotor
-from services.simulator.autopilot import STEP_S, Sensors
+from services.simulator.autopilot import STEP_S, Link, Sensors
 from services.simulator.pilot import StandIn
 
 AT_REST = Sensors(np.array([0.0, 0.0, GRAVITY_MPS2]), np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
 
 
-class Wire:
+class Wire(Link):
     def __init__(self):
         self.sent_s = []
 
