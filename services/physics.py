@@ -80,6 +80,11 @@ def cos_sin(angle_rad: Scalar) -> tuple[Scalar, Scalar]:
     return np.cos(angle_rad), np.sin(angle_rad)
 
 
+def faded(exponent: Scalar) -> Scalar:
+    """e to the power of it."""
+    return math.exp(exponent) if type(exponent) is float else np.exp(exponent)
+
+
 def norm(v: Array) -> Array:
     """‖v‖ over the last axis, (...,)."""
     return np.sqrt((v * v).sum(-1))
