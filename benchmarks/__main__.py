@@ -31,6 +31,10 @@ def main() -> None:
         ("One hop at 1 kHz, pydantic at both ends, beside bare Zenoh bytes", lambda: show(hop.run(), hop.COLUMNS)),
         ("A 1 kHz loop beside a bare timerfd", lambda: show(timers.run(), timers.COLUMNS)),
         ("Observer and filter at the paper's IMU rate", lambda: show(kilohertz.run(), kilohertz.COLUMNS)),
+        (
+            "A campaign's crowd beside one person at a time",
+            lambda: subprocess.run([sys.executable, "-m", "benchmarks.campaign"], check=True),
+        ),
         ("Recordings: written, read, reported, run again", recordings.run),
         ("MAVLink, both ends", lambda: subprocess.run([sys.executable, "-m", "benchmarks.mavlink"], check=True)),
     ):

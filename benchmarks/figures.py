@@ -23,6 +23,10 @@ def main() -> None:
         subprocess.run([sys.executable, "-m", "services.cli", "map", "--out", folder], check=True)
         for file in (*shots, Path(folder) / "stability_map.png"):
             shutil.copy(file, DOCS / file.name)
+        out = Path(folder) / "campaign"
+        subprocess.run([sys.executable, "-m", "services.cli", "campaign", "--out", str(out)], check=True)
+        shutil.copy(out / "walks.png", DOCS / "campaign.png")
+    subprocess.run([sys.executable, "-m", "benchmarks.campaign", "--out", str(DOCS)], check=True)
     print("\n".join(str(file.relative_to(DOCS.parent.parent)) for file in sorted(DOCS.glob("*.png"))))
 
 

@@ -1,5 +1,6 @@
 """`clew`: every command is one function elsewhere."""
 
+import signal
 from pathlib import Path
 from typing import Annotated
 
@@ -144,8 +145,54 @@ def explain(
     raise typer.Exit(explanation.explain(session, out))
 
 
+@app.command()
+def campaign(
+    more: Annotated[list[Path] | None, typer.Argument(metavar="[SESSIONS]", help="more recordings for --from")] = None,
+    people: Annotated[int, typer.Option(help="how many different people walk")] = 4,
+    trials: Annotated[int, typer.Option(help="how often each of them walks")] = 2,
+    seed: Annotated[int, typer.Option(help="of everything drawn")] = 1,
+    population: Annotated[str, typer.Option(help="a name in deploy/populations, or a file")] = "paper",
+    controller: Annotated[str, typer.Option(help="reference, literal or regulation")] = "reference",
+    robot: Annotated[str, typer.Option(help="what flies")] = "ideal",
+    vary: Annotated[str, typer.Option(help="spread over the people, as m_H=2..12,k_c=100,200,delay_ms=0..80")] = "",
+    seconds: Annotated[float, typer.Option(help="of each walk")] = 60.0,
+    jobs: Annotated[int, typer.Option(help="processes")] = 1,
+    out: Annotated[Path | None, typer.Option(help="the campaign's folder; by default a new one in campaigns/")] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="go on with the campaign in --out, by its own plan")] = False,
+    recording: Annotated[
+        Path | None, typer.Option("--from", help="no simulation: statistics of recorded sessions")
+    ] = None,
+    path: Annotated[str, typer.Option(help="a name in deploy/paths, or a file")] = "",
+    profile: Profile = "demo",
+) -> None:
+    """Let many people walk, by the laws that fly but without the bus, and write the paper's statistics."""
+    from services.campaign.command import Options
+    from services.campaign.command import campaign as run_campaign
+
+    if more and recording is None:
+        raise typer.BadParameter(f"{more[0]}: recordings come after --from")
+    options = Options(
+        profile=profile,
+        path=path,
+        population=population,
+        people=people,
+        trials=trials,
+        seed=seed,
+        controller=controller,
+        robot=robot,
+        vary=vary,
+        seconds=seconds,
+        jobs=jobs,
+        out=out,
+        resume=resume,
+        sessions=[recording, *(more or [])] if recording is not None else [],
+    )
+    raise typer.Exit(run_campaign(options))
+
+
 def main() -> None:
-    """The console script."""
+    """The console script. Ctrl-C counts also where a script that put it in the background had it ignored."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     app()
 
 

@@ -14,7 +14,7 @@ Broadcasts.
 from typing import NamedTuple
 
 from services.parameters import Positive, parameters
-from services.physics import Array, Components, Row, Scalar, at_least, clamp, components, faded, vector
+from services.physics import Array, Components, Row, Scalar, at_least, clamp, components, exp, vector
 from services.px4_bridge.admittance import State
 
 
@@ -44,7 +44,7 @@ def ahead(state: State, b: Row, M_A_kg: Scalar, lead_s: Scalar) -> State:
     before it brakes with the filter. Horizontal only: thrust does not wait for the attitude. `b` is B_A by axes in N s/m.
     """
     x, y, z = components(state.a)
-    fade_x, fade_y = (faded(-lead_s * b_i / M_A_kg) for b_i in b[:2])
+    fade_x, fade_y = (exp(-lead_s * b_i / M_A_kg) for b_i in b[:2])
     return state._replace(a=vector(fade_x * x, fade_y * y, z))
 
 

@@ -22,7 +22,7 @@ FIGURES: dict[str, Callable[[Session], Figure]] = {
     "timing.png": timing_figure,
 }
 
-_STYLE: dict[Any, Any] = {
+STYLE: dict[Any, Any] = {
     "font.size": 8,
     "axes.titlesize": 8,
     "axes.labelsize": 8,
@@ -52,6 +52,6 @@ def draw(name: str, session: Session, folder: Path, suffix: str = ".png") -> Pat
     """Write one of `FIGURES` into `folder`; returns the file."""
     folder.mkdir(parents=True, exist_ok=True)
     file = (folder / name).with_suffix(suffix)
-    with rc_context(_STYLE):
+    with rc_context(STYLE):
         FIGURES[name](session).savefig(file)
     return file

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from schemas.safety import Level, Phase
-from schemas.topics import CABLE_FORCE, GUIDANCE, HEALTH, NOTE, SAFETY_STATE, SETPOINT, TOPICS, TRUTH
+from schemas.topics import CABLE_FORCE, ENERGY, GUIDANCE, HEALTH, NOTE, SAFETY_STATE, SETPOINT, TOPICS, TRUTH
 from services.guiding_controller.path import Path, project
 from services.physics import Array, norm
 from services.recorder import metrics
@@ -83,6 +83,10 @@ def _curves(session: Session, moved: Motion, path: Path | None, zero_s: float) -
         ("u_A", SETPOINT, "u_A_N"),
         ("age", SETPOINT, "age_s"),
         ("head", TRUTH, "head_position_m"),
+        ("stored", ENERGY, "stored_J"),
+        ("guidance", ENERGY, "guidance_J"),
+        ("dissipated", ENERGY, "dissipated_J"),
+        ("tank", ENERGY, "tank_J"),
     ):
         table = valid(session.table(topic))
         if len(table["t_s"]):

@@ -69,7 +69,10 @@ class RerunNode(Node):
         self._due.put_nowait((n, missed))
 
     async def ticks(self, rate_Hz: float) -> AsyncIterator[Tick]:
-        """One for each call of `tick`."""
+        """One for each call of `tick`; stamps are as far apart as they were, from the first turn's clock on."""
+        period_ns, stamp_ns, last = round(1e9 / rate_Hz), 0, 0
         while True:
             n, missed = await self._due.get()
-            yield Tick(n, (1 + missed) / rate_Hz, missed, self.turn.now_ns())
+            stamp_ns = stamp_ns + (n - last + missed) * period_ns if stamp_ns else self.turn.now_ns()
+            last = n
+            yield Tick(n, (1 + missed) / rate_Hz, missed, stamp_ns)

@@ -25,11 +25,11 @@ class Recorder:
 
     flush_period_s: Positive
     chunk_bytes: Annotated[int, Gt(0)]
-    rotate_bytes: Annotated[int, Gt(0)] = 2_000_000_000
+    rotate_bytes: Annotated[int, Gt(0)]
     """A larger file is finished and the session goes on in a new one."""
-    rotate_s: Positive = 3600.0
+    rotate_s: Positive
     """As `rotate_bytes`, by age."""
-    free_min_bytes: Annotated[int, Ge(0)] = 200_000_000
+    free_min_bytes: Annotated[int, Ge(0)]
     """With less left on the disk the recording ends."""
 
 

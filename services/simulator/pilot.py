@@ -21,6 +21,10 @@ class Pilot(Protocol):
         """A new sample."""
         ...
 
+    def miss(self, seconds: float) -> None:
+        """The host took the processor away and the world stood still; the pilot's clock did not."""
+        ...
+
 
 class StandIn(Pilot):
     """The stand-in autopilot and its link to the companion."""
@@ -39,3 +43,7 @@ class StandIn(Pilot):
         self._state, output = autopilot.step(self._state, sensors, self._link.receive(), STEP_S, self._p)
         self._link.send(self._state, sensors, output)
         self._motors = output.motors
+
+    def miss(self, seconds: float) -> None:
+        """Stamps go on with the host's time: whoever maps the vehicle's clock onto it would take the gap for a delay."""
+        self._state = self._state._replace(t_s=self._state.t_s + seconds)

@@ -74,6 +74,10 @@ class Px4Hil(Pilot):
         updated = _INERTIAL | (_BAROMETER if barometer else 0)
         self._wire.send_fields(_SENSOR, self.time_us, *force, *rate, 0.0, 0.0, 0.0, *air, updated, 0)
 
+    def miss(self, seconds: float) -> None:
+        """PX4's clock follows its sensors' stamps: it sees a gap in them."""
+        self.time_us += round(seconds / STEP_S) * _STEP_us
+
     def send(self, message_id: int, *fields: float) -> None:
         """Any other message that PX4's simulator port takes, its fields in the order of the wire."""
         self._wire.send_fields(message_id, *fields)

@@ -47,6 +47,8 @@ async def act(node: Node, stage: Stage) -> None:
     frame_pace, truth_pace = Pace(stage.config.simulator.mocap_rate_Hz), Pace(TRUTH.rate_Hz)
     async for tick in node.ticks(1.0 / STEP_S):
         steps = round(min(tick.dt_s, CATCH_UP_S) / STEP_S)
+        if (lost_s := tick.dt_s - steps * STEP_S) > 0.5 * STEP_S:
+            stage.stand_still(lost_s)
         for left in reversed(range(steps)):  # a late turn makes up for what it missed, each sample at its own time
             stage.step(_told(safety))
             now_ns = tick.stamp_ns - left * round(1e9 * STEP_S)

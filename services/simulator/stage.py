@@ -42,6 +42,10 @@ class Stage:
             self.world = world.step(self.world, motors, told, STEP_S / PHYSICS_STEPS, self.params)
         self._pilot.sense(self._sensed(v_before))
 
+    def stand_still(self, seconds: float) -> None:
+        """Nothing was calculated for so long: only clocks go on."""
+        self._pilot.miss(seconds)
+
     def capture(self) -> MocapFrame:
         """One frame of motion capture."""
         p, robot, handle = self.config.simulator.mocap, self.world.robot, self.world.handle

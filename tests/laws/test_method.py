@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
-from scipy.integrate import quad, solve_ivp
+from scipy.integrate import quad
 from scipy.optimize import root
 
 from services import cable
@@ -34,10 +34,6 @@ def dynamics(x: Array, u_extra: Array = STILL, u_H: Array = STILL) -> Array:
     a_H = (-B_H * v_H + f + u_H) / M_H * guiding.HORIZONTAL
     a_R = (-B_A * v_R - f + K * (P_R_REF - p_R) + F_REF + u_extra) / M_A
     return np.concatenate((v_H, a_H, v_R, a_R))
-
-
-def unforced(_t: float, x: Array) -> Array:
-    return dynamics(x)
 
 
 REGULATION = lyapunov.Regulation(M_H, B_H, M_A, K_H, ELASTIC, P_R_REF, F_REF)
@@ -109,26 +105,6 @@ def test_e3_v_changes_by_supplied_less_dissipated_power(z: Array, u: Array) -> N
     robot_only = supplied - B_A * x[9:] @ x[9:] - u_H @ x[3:6]
     if B_H * x[3:6] @ x[3:6] - u_H @ x[3:6] > 1e-2:
         assert v_dot < robot_only
-
-
-@settings(max_examples=6)
-@given(STATES)
-def test_theorem_1_every_start_ends_at_the_goal_and_v_never_rises(z: Array) -> None:
-    solution = solve_ivp(unforced, (0, 60), plausible(z), rtol=1e-8, atol=1e-9, max_step=0.02)
-    along = np.array([V(x) for x in solution.y.T])
-    assert np.max(np.diff(along)) < 1e-5
-    assert norm(solution.y[:3, -1] - P_H_REF) < 0.02
-    assert norm(solution.y[6:9, -1] - P_R_REF) < 0.02
-
-
-def test_slack_robot_rises_at_f_z_over_b_a() -> None:
-    x = EQUILIBRIUM.copy()
-    x[8] = -0.95  # under the hand: 1.9 m of rise before the cable is taut
-    x[3] = 0.5
-    end = solve_ivp(unforced, (0, 3), x, rtol=1e-9, atol=1e-10).y[:, -1]
-    assert norm(end[6:9] - end[:3]) < REST
-    assert end[11] == pytest.approx(F_Z / B_A, rel=1e-3)
-    assert end[3] == pytest.approx(0.5 * np.exp(-B_H / M_H * 3), rel=1e-5)  # the person only coasts
 
 
 def resting_robot(p_H: Array) -> Array:

@@ -68,6 +68,9 @@ class Px4Vehicle(Vehicle, Pilot):
     def sense(self, sensors: Sensors) -> None:
         self._hil.sense(sensors)
 
+    def miss(self, seconds: float) -> None:
+        self._hil.miss(seconds)
+
     def _pump(self) -> None:
         """Everything that belongs to the step; inertial samples are complete when HIGHRES_IMU has come."""
         until = time.monotonic() + (PATIENCE_S if self._streaming else 0.0)

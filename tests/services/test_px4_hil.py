@@ -153,3 +153,11 @@ def test_the_quick_packer_and_pymavlink_agree():
     (message,) = parser.parse_buffer(sent[0])
     assert (message.time_usec, message.xacc, message.temperature, message.fields_updated) == (4000, 1.0, 13.0, 63)
     assert struct.calcsize(dialect.mavlink_map[107].unpacker.format) == 65
+
+
+def test_a_world_that_stood_still_is_a_gap_in_px4s_clock(ends):
+    hil, px4 = ends
+    hil.sense(AT_REST)
+    hil.miss(0.3)
+    hil.sense(AT_REST)
+    assert [m.time_usec for m in px4.heard() if m.get_type() == "HIL_SENSOR"] == [4000, 308000]

@@ -13,16 +13,17 @@ from mcap.reader import make_reader
 from schemas.health import Heartbeat
 from schemas.safety import Phase
 from schemas.topics import BY_KEY, GUIDANCE, HANDLE_STATE, HEALTH, MOCAP_FRAME, REQUEST, SAFETY_STATE, TOPICS, Stance
+from services.config import load
 from services.recorder import service
 from services.recorder.reading import read
 from services.recorder.verdict import Count
-from services.recorder.writer import Recorder, SessionWriter, channel_name
+from services.recorder.writer import SessionWriter, channel_name
 from services.runtime.memory_bus import MemoryBus
 from services.runtime.node import Node
 from services.runtime.virtual import VirtualClock, run_virtual
 from tests.services import synthetic, synthetic_world
 
-PARAMS = Recorder(flush_period_s=0.2, chunk_bytes=65_536)
+PARAMS = load("demo").recorder
 SHORT = synthetic_world.Scenario(guiding_s=2.0)
 
 

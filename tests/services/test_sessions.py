@@ -18,14 +18,14 @@ from services.recorder.inspection import inspect
 from services.recorder.origin import origin
 from services.recorder.reading import NotARecording, read
 from services.recorder.schema import json_schema
-from services.recorder.writer import Recorder, SessionWriter
+from services.recorder.writer import SessionWriter
 from services.runtime.memory_bus import MemoryBus
 from services.runtime.node import Node
 from services.runtime.virtual import VirtualClock, run_virtual
 from tests.services import synthetic
 from tests.services.synthetic_world import Scenario
 
-SMALL = Recorder(flush_period_s=0.2, chunk_bytes=1000)
+SMALL = replace(load("demo").recorder, chunk_bytes=1000)
 
 
 def write(file, messages, **how):

@@ -137,6 +137,7 @@ plot("hand p_H", "m", (c, color, s) => [...vector("p_H")(c, color, s), ...wanted
 plot("robot p_R", "m", (c, color, s) => [...vector("p_R")(c, color, s), ...wanted("sent", "set-point")(c)]);
 plot("cable force f_c", "N", (c, color, s) => [...vector("f_hat")(c, color, s), ...wanted("f_d", "desired")(c)]);
 plot("force on the hand", "N", (c, color, s) => [{ name: ONE ? "‖f‖" : s.name, color: color || INK, x: c.t, y: size(c.f_hand) }], { levels: [2.5] });
+plot("energy of the filter", "J", (c, color, s) => [["stored", "by the virtual mass", "#0072B2"], ["guidance", "paid for guidance", "#E69F00"], ["dissipated", "dissipated", "#D55E00"], ["tank", "left in the tank", "#009E73"]].map(([key, name, own], k) => ({ name: ONE ? name : k ? "" : s.name, color: color || own, dash: ONE ? [] : [[], [5, 3], [1, 3], [8, 2]][k], x: c.t, y: c[key] })));
 plot("progress s", "", (c, color, s) => [{ name: ONE ? "s" : s.name, color: color || INK, x: c.t, y: c.s }]);
 
 // From the hand to the set-point: medians end to end, and where the 99 % are.
