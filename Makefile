@@ -2,13 +2,17 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test check bench bench-px4 figures golden lock clean
+.PHONY: demo test test-net check bench bench-px4 bench-net figures golden lock clean
 
 demo: .venv/.ready
 	$(BIN)/clew demo
 
 test: .venv/.ready
 	$(BIN)/python -m pytest
+
+# Needs root: two network namespaces with a bad radio between them.
+test-net: .venv/.ready
+	$(BIN)/python -m pytest -m net tests/net
 
 check: .venv/.ready
 	$(BIN)/ruff check .
@@ -21,6 +25,10 @@ bench: .venv/.ready
 # On real PX4 in software; PX4_BIN is its program.
 bench-px4: .venv/.ready
 	$(BIN)/python -m benchmarks.px4
+
+# Needs root, and the machine to itself.
+bench-net: .venv/.ready
+	$(BIN)/python -m benchmarks.net
 
 figures: .venv/.ready
 	$(BIN)/python -m benchmarks.figures

@@ -94,7 +94,8 @@ def push(vehicle: str) -> Push:
 def simulated_push(vehicle: str) -> Push:
     """The same on the stand-in's control."""
     config, hover = config_of(vehicle), np.array([0.0, 0.0, 1.5])
-    robot = Robot(config.vehicle, config.px4_bridge.admittance, config.force_estimator.observer)
+    lead_s = config.px4_bridge.flight.lead_s
+    robot = Robot(config.vehicle, config.px4_bridge.admittance, config.force_estimator.observer, lead_s=lead_s)
     state, command, away = (
         tethered.hovering(hover, np.zeros(3), robot),
         admittance.ease(hover, robot.filter),

@@ -1,3 +1,4 @@
+# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
 """How old a set-point is when PX4 shows it back: through the bridge's own MAVSDK connection, and through bare pymavlink.
 
 One flight on real PX4 in real time: the world and PX4 in processes of their own, the vehicle in hover, first the bridge's

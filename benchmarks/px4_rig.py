@@ -81,7 +81,7 @@ class Rig:
             )
             felt = self.estimating * f_c
             self.reference, _ = admittance.step(self.reference, felt, command, False, STEP_S, np.inf, self.filter)
-        self._say()
+        self._say(command)
 
     def take_off(self, p_W: Array, seconds: float = 8.0) -> None:
         """Armed in offboard mode, to a hover at `p_W`; the force estimate then begins to count. Raises RuntimeError."""
@@ -103,12 +103,14 @@ class Rig:
             self.tick(here)
             self.estimating = min(self.estimating + STEP_S / seconds, 1.0)
 
-    def _say(self) -> None:
+    def _say(self, command: Command) -> None:
         self._ticks += 1
         if self._ticks % SETPOINT_STEPS == 0:
             limits, m_R = self.config.px4_bridge.limits, self.body.mass_kg
             f_c = -self.estimating * self.seen.f_ext
-            sent = setpoint.setpoint(self.reference, f_c, m_R, 1.0, self._p_sent, limits)
+            b = admittance.damping(self.reference, command, self.filter)
+            led = setpoint.ahead(self.reference, b, self.filter.M_A_kg, self.config.px4_bridge.flight.lead_s)
+            sent = setpoint.setpoint(led, f_c, m_R, 1.0, self._p_sent, limits)
             self._p_sent = sent.p
             self.vehicle.send_setpoint(sent.p, sent.v, sent.a, 0.0)
         if self._ticks % POSE_STEPS == 0:

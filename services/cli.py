@@ -190,6 +190,64 @@ def campaign(
     raise typer.Exit(run_campaign(options))
 
 
+@app.command()
+def link(
+    profile: Profile = "ground",
+    as_json: Annotated[bool, typer.Option("--json", help="once, as JSON")] = False,
+    seconds: Annotated[float, typer.Option(help="over which it is measured")] = 2.0,
+) -> None:
+    """The radio between the hosts: round trip, clocks, loss and age of each topic."""
+    from services import link as radio
+
+    raise typer.Exit(radio.link(profile, as_json=as_json, seconds=seconds))
+
+
+@app.command()
+def install(
+    profile: Annotated[str, typer.Argument(help="drone or ground, or a profile for one of them")],
+    dry_run: Annotated[bool, typer.Option(help="only say what it would do")] = False,
+) -> None:
+    """Make this machine start its host's services at boot (systemd; needs root)."""
+    from services import install as installer
+
+    raise typer.Exit(installer.install(profile, dry_run=dry_run))
+
+
+certs = typer.Typer(
+    no_args_is_help=True, help="The radio's certificates: a private authority, one for each host and console."
+)
+app.add_typer(certs, name="certs")
+
+
+@certs.command("init")
+def certs_init() -> None:
+    """Make the authority, in $CLEW_CERTS_DIR or ~/.config/clew/certs."""
+    from services import certs_cli
+
+    raise typer.Exit(certs_cli.init())
+
+
+@certs.command("issue")
+def certs_issue(
+    name: str,
+    role: Annotated[str, typer.Option(help="drone, ground, operator or viewer")],
+    address: Annotated[list[str] | None, typer.Option(help="name or IP under which it is reached; repeatable")] = None,
+    days: float = 400.0,
+) -> None:
+    """Make a certificate for NAME, signed by the authority."""
+    from services import certs_cli
+
+    raise typer.Exit(certs_cli.issue(name, role, address or [], days))
+
+
+@certs.command("show")
+def certs_show() -> None:
+    """Who has a certificate here, as what, until when, and what is wrong with it."""
+    from services import certs_cli
+
+    raise typer.Exit(certs_cli.show())
+
+
 def main() -> None:
     """The console script. Ctrl-C counts also where a script that put it in the background had it ignored."""
     signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -6,7 +6,8 @@ A launched service reads the resolved configuration from one JSON file, which is
 """
 
 import os
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
+from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Self, cast
@@ -14,9 +15,10 @@ from typing import Any, Self, cast
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
 
-from schemas.topics import SERVICES
+from schemas.topics import OPERATOR, SERVICES
 from services import sections
 from services.cable import Cable
+from services.gateway.radio import CONSOLE, Host, Radio, check_hosts
 from services.guiding_controller import maneuver, path_file
 from services.guiding_controller.path import Path as GuidedPath
 from services.parameters import NonNegative, Positive, parameters
@@ -24,6 +26,7 @@ from services.physics import GRAVITY_MPS2
 from services.profile_file import ConfigError, find, layered, read, written_in
 from services.px4_bridge.admittance import check as check_virtual_mass
 from services.recorder.writer import Recorder
+from services.runtime.hosts import Placement
 
 
 @parameters
@@ -36,6 +39,8 @@ class System:
     path: str
     person: str
     seed: int
+    host: str = ""
+    """Of a system on two hosts, which one this is: drone, ground, or a person's console."""
 
 
 @parameters
@@ -69,12 +74,16 @@ class Config(BaseModel):
     recorder: Recorder
     path: sections.PathTable
     person: sections.Person
+    hosts: dict[str, Host] = Field(default_factory=dict[str, Host])
+    radio: Radio | None = None
     subject: str = Field(default="", description="who walks, by the study's own code")
     condition: str = Field(default="", description="under which of the study's conditions")
     session_dir: str = Field(default="", description="where this run keeps its files")
 
     @model_validator(mode="after")
     def _limits_across_sections(self) -> Self:
+        if self.hosts:
+            check_hosts(self.hosts, self.radio, self.system.host)
         unknown = set(self.system.services) - set(SERVICES)
         _require(not unknown, "system.services", sorted(unknown), f"one of {', '.join(SERVICES)}")
         weight = self.person.human.m_H_kg * GRAVITY_MPS2
@@ -97,6 +106,22 @@ class Config(BaseModel):
         limit = f"at least {work + tank.fade_J:.2f} J: the walk takes {work:.2f} J, and the tank fades below fade_J"
         _require(enough, "px4_bridge.tank.capacity_J", tank.capacity_J, limit)
         return self
+
+    def host_of(self, service: str) -> str:
+        """Where it runs; empty in a system on one host."""
+        return next((name for name, host in self.hosts.items() if service in host.services), "")
+
+    def placement(self, here: str = "") -> Placement:
+        """Who is on the other host, seen from `here` or else from this one; nobody in a system on one.
+
+        A console's clock is the ground's (gateway/console.py), and so is that of whoever gives commands.
+        """
+        here = (here or self.system.host).replace(CONSOLE, "ground")
+        if not here or self.radio is None:
+            return Placement()
+        elsewhere = tuple(name for host, each in self.hosts.items() if host != here for name in each.services)
+        people = () if here == "ground" else (OPERATOR,)
+        return Placement(here=here, elsewhere=elsewhere + people, delay_allowed_s=self.radio.delay_allowed_s)
 
     def _inside_volume(self) -> None:
         low, high = np.array(self.world.volume_min_m), np.array(self.world.volume_max_m)
@@ -178,6 +203,10 @@ def load(
     if not isinstance(system, dict):  # pyright: ignore[reportUnnecessaryIsInstance]  (a file may say anything)
         raise ConfigError(f"{file}: system = {system!r}: must be a table")
     system.update({k: v for k, v in (("path", path), ("person", person), ("seed", seed)) if v not in ("", None)})
+    if hosts := data.get("hosts"):
+        here = _get(hosts, f"{system.get('host')}.services")  # a fault in it is told of where it was written
+        named = cast("list[Any]", here) if isinstance(here, list) else []
+        system["services"] = [name for name in named if isinstance(name, str)]
     files: dict[str, Path] = dict(written)
     for section, folder in _FILES.items():
         if section not in system:
@@ -193,6 +222,19 @@ def load(
 def of_recording(file: Path, data: dict[str, Any]) -> Config:
     """The configuration that `file` carries. Raises ConfigError as `load`."""
     return _validate(file, data, {})
+
+
+@contextmanager
+def told_in(profile: str) -> Generator[None]:
+    """A fault that is found after loading, such as an address, is told with the file of the profile that says its key.
+
+    One that begins with a file of its own stays as it is. Raises ConfigError.
+    """
+    try:
+        yield
+    except ConfigError as error:
+        where = written_in(layered(find("profiles", profile)).written, _key_of(str(error)))
+        raise ConfigError(f"{where}: {error}" if where else str(error)) from None
 
 
 def load_vehicle(name: str) -> sections.Vehicle:

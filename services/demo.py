@@ -69,7 +69,7 @@ async def fly(config: Config, console: Console, *, live: bool) -> None:
         ServiceDied, TimeoutError, DemoFailed: with the reason in words.
     """
     with open_bus(bus_config(config), f"operator-{os.getpid()}") as bus:
-        node = operator_node(bus, MonotonicClock())
+        node = operator_node(bus, MonotonicClock(), config.placement())
         watch = Watch(node, config.system.services)
         console.print(f"session {config.session_dir}")
         async with launch_all(config) as launched:

@@ -12,12 +12,12 @@ from rich.table import Table
 from schemas.health import Heartbeat
 from schemas.safety import SafetyState
 from schemas.topics import BY_KEY, HEALTH, SAFETY_STATE, TOPICS
-from services.config import ConfigError, load
+from services.config import ConfigError, load, told_in
 from services.replay import replay_bus_config
 from services.runtime.clock import MonotonicClock
 from services.runtime.node import Node
 from services.runtime.zenoh_bus import ZenohBus, open_bus
-from services.start import bus_config
+from services.start import clock_of, observer_bus, services_of
 from services.terminal import console
 
 LISTEN_S = 1.2
@@ -47,7 +47,7 @@ def echo(topic: str, profile: str, count: int, *, replay: bool = False) -> int:
                 break
         return 0
 
-    return _with_node(profile, follow, replay=replay)
+    return with_node(profile, follow, replay=replay)
 
 
 def hz(keys: list[str], profile: str, seconds: float, *, replay: bool = False) -> int:
@@ -72,14 +72,20 @@ def hz(keys: list[str], profile: str, seconds: float, *, replay: bool = False) -
         console().print(table)
         return 0
 
-    return _with_node(profile, measure, replay=replay)
+    return with_node(profile, measure, replay=replay)
 
 
 def status(profile: str) -> int:
-    """One heartbeat of each service, and the supervisor's word; exit code 1 where a service is missing."""
+    """One heartbeat of each service of the system, and the supervisor's word; exit code 1 where a service is missing."""
+
+    try:
+        expected = services_of(load(profile))
+    except ConfigError as error:
+        print(error, file=sys.stderr)  # noqa: T201
+        return 2
 
     async def listen(node: Node, bus: ZenohBus) -> int:
-        hearts = {name: node.latest(topic) for name, topic in HEALTH.items()}
+        hearts = {name: node.latest(HEALTH[name]) for name in expected}
         safety = node.latest(SAFETY_STATE)
         await asyncio.sleep(LISTEN_S)
         alive = bus.alive()
@@ -91,7 +97,7 @@ def status(profile: str) -> int:
         screen.print(_verdict(safety.value))
         return 0 if set(hearts) <= alive else 1
 
-    return _with_node(profile, listen)
+    return with_node(profile, listen)
 
 
 def _health(beat: Heartbeat | None) -> tuple[str, ...]:
@@ -114,18 +120,22 @@ def _verdict(state: SafetyState | None) -> str:
     return f"phase {state.phase}, level {state.level.name.lower()}, permit {state.permit}: {why}"
 
 
-def _with_node(profile: str, use: Callable[[Node, ZenohBus], Awaitable[int]], *, replay: bool = False) -> int:
+def with_node(profile: str, use: Callable[[Node, ZenohBus], Awaitable[int]], *, replay: bool = False) -> int:
     """Run `use` with an observer on the profile's bus, or on that of a replay."""
     try:
         config = load(profile)
+        with told_in(profile):
+            buses = replay_bus_config() if replay else observer_bus(config)
     except ConfigError as error:
         print(error, file=sys.stderr)  # noqa: T201
         return 2
     name = f"look-{os.getpid()}"
 
     async def main() -> int:
-        with open_bus(replay_bus_config() if replay else bus_config(config), name) as bus:
-            return await use(Node(name, bus, MonotonicClock(), observer=True), bus)
+        with open_bus(buses, name) as bus:
+            clock = MonotonicClock() if replay else clock_of(config, bus)
+            node = Node(name, bus, clock, observer=True, placement=buses.placement)
+            return await use(node, bus)
 
     try:
         return asyncio.run(main())

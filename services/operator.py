@@ -9,14 +9,15 @@ from schemas.safety import Action, OperatorReply, OperatorRequest
 from schemas.topics import OPERATOR, REPLY, REQUEST
 from services.runtime.bus import Bus
 from services.runtime.clock import Clock
+from services.runtime.hosts import Placement
 from services.runtime.node import Node
 
 REPEAT_S = 0.2
 
 
-def operator_node(bus: Bus, clock: Clock) -> Node:
+def operator_node(bus: Bus, clock: Clock, placement: Placement | None = None) -> Node:
     """A node that may read everything and write requests."""
-    return Node(OPERATOR, bus, clock, observer=True)
+    return Node(OPERATOR, bus, clock, observer=True, placement=placement)
 
 
 class Operator:

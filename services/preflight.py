@@ -4,20 +4,26 @@ import asyncio
 import sys
 from collections.abc import Iterable
 
-from services.config import Config, load
+from services.config import Config, load, told_in
 from services.profile_file import ConfigError
 from services.px4_bridge.preflight import Found, Reason, differing, reasons
 from services.px4_bridge.vehicle import MavsdkVehicle
 from services.px4_bridge.vehicle_protocol import Vehicle, VehicleError
 from services.runtime.clock import MonotonicClock
+from services.start import check_radio
 
 _BATTERY_S = 3.0
 
 
 def preflight(profile: str, fix: bool) -> int:
-    """Print the list. Returns the exit code: 0 for an empty one, 1 when something stands against it, 2 for a bad profile."""
+    """Print the list. Returns the exit code: 0 for an empty one, 1 when something stands against it, 2 for bad input.
+
+    Bad input is a profile, and for a system on two hosts this one's certificates and addresses.
+    """
     try:
         config = load(profile)
+        with told_in(profile):
+            check_radio(config)
     except ConfigError as error:
         print(error, file=sys.stderr)  # noqa: T201
         return 2

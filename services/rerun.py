@@ -11,7 +11,7 @@ from rich.table import Table
 from services import config as configuration
 from services.config import Config, ConfigError
 from services.recorder.reading import Session, read
-from services.recorder.rerun import SUBJECTS, CannotRerun, Outcome, rerun
+from services.recorder.rerun import SUBJECTS, CannotRerun, Outcome, rerun, thinned_for
 from services.recorder.walk import CONFIG_ATTACHMENT, config_of
 from services.recorder.what_if import draw
 from services.session_files import complain, session_file
@@ -26,13 +26,13 @@ def command(given: Path, services: Sequence[str], settings: Sequence[str], figur
         file = session_file(given)
         session = read(file)
         config = config_with(session, file, settings)
-        chosen = _chosen(services, session)
+        chosen = _chosen(services, session, config)
         outcomes = [rerun(session, name, config) for name in chosen]
     except (OSError, ValueError, ConfigError) as error:
         return complain(error)
     console = Console()
     console.print(_table(outcomes))
-    for line in _remarks(outcomes, session.damage):
+    for line in (*_remarks(outcomes, session.damage), *_left_out(session, config, chosen)):
         console.print(line, soft_wrap=True, highlight=False, markup=False)
     if settings or figure:
         drawn = draw(session, outcomes, figure or file.with_name("what_if.png"))
@@ -76,15 +76,25 @@ def _set(data: dict[str, Any], key: str, value: Any) -> None:
     table[last] = value
 
 
-def _chosen(services: Sequence[str], session: Session) -> list[str]:
-    """Those asked for, or all that said anything."""
+def _chosen(services: Sequence[str], session: Session, config: Config) -> list[str]:
+    """Those asked for, or all that said anything and whose inputs the recorder heard whole."""
     if unknown := set(services) - set(SUBJECTS):
         raise CannotRerun(f"--service {', '.join(sorted(unknown))}: must be one of {', '.join(SUBJECTS)}")
-    heard = session.logs_of(subject.turns.key for subject in SUBJECTS.values())
-    spoke = [name for name, subject in SUBJECTS.items() if subject.turns.key in heard]
-    if not (services or spoke):
+    whole = [name for name in _spoke(session) if not thinned_for(name, config)]
+    if not (services or whole):
         raise CannotRerun("no service that can be run again said anything in this recording")
-    return list(services) or spoke
+    return list(services) or whole
+
+
+def _spoke(session: Session) -> list[str]:
+    heard = session.logs_of(subject.turns.key for subject in SUBJECTS.values())
+    return [name for name, subject in SUBJECTS.items() if subject.turns.key in heard]
+
+
+def _left_out(session: Session, config: Config, chosen: Sequence[str]) -> Iterator[str]:
+    for name in _spoke(session):
+        if name not in chosen and (thinned := thinned_for(name, config)):
+            yield f"{name}: not run, {', '.join(thinned)} crossed the radio thinned"
 
 
 def _table(outcomes: Sequence[Outcome]) -> Table:

@@ -14,17 +14,16 @@ from rich.table import Table
 
 from schemas.note import OperatorNote
 from schemas.topics import BY_KEY, NOTE
-from services.config import ConfigError, load
+from services.config import ConfigError, load, told_in
 from services.operator import operator_node
 from services.recorder.figures import draw_all
 from services.recorder.inspection import Findings, inspect
 from services.recorder.page import write_page
 from services.recorder.reading import Session
 from services.recorder.recovery import recover
-from services.runtime.clock import MonotonicClock
 from services.runtime.zenoh_bus import open_bus
 from services.session_files import FILE, complain, session_file
-from services.start import bus_config
+from services.start import clock_of, observer_bus
 
 WIDE = 200
 _LINK_S = 0.3  # until a new session's links carry what it says, and until they have carried it
@@ -99,6 +98,8 @@ def note(text: str, profile: str) -> int:
     """Say a remark to whoever records. Returns 1 where nobody does, 2 for bad configuration or an empty remark."""
     try:
         config = load(profile)
+        with told_in(profile):
+            buses = observer_bus(config)
     except ConfigError as error:
         return complain(error)
     if not text.strip():
@@ -106,12 +107,13 @@ def note(text: str, profile: str) -> int:
     name = f"note-{os.getpid()}"
 
     async def say() -> int:
-        with open_bus(bus_config(config), name) as bus:
+        with open_bus(buses, name) as bus:
             if "recorder" not in bus.alive(_LINK_S):
                 print(f"no recorder runs in {config.system.name}: the note is not kept", file=sys.stderr)  # noqa: T201
                 return 1
             author = f"{os.environ.get('USER', 'operator')}@{socket.gethostname()}"
-            operator_node(bus, MonotonicClock()).publisher(NOTE).publish(OperatorNote(operator=author, text=text))
+            person = operator_node(bus, clock_of(config, bus), buses.placement)
+            person.publisher(NOTE).publish(OperatorNote(operator=author, text=text))
             await asyncio.sleep(_LINK_S)
         return 0
 

@@ -9,11 +9,13 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
-from schemas.topics import SERVICES
-from services.config import Config, ConfigError, load
+from schemas.topics import GATEWAYS, SERVICES
+from services.config import Config, ConfigError, load, told_in
 from services.runtime.bus_config import BusConfig, default_run_dir
+from services.runtime.clock import Clock, MonotonicClock
 from services.runtime.launcher import Launched, ServiceDied, launch
 from services.runtime.process import serve
+from services.runtime.zenoh_bus import ZenohBus
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,21 +32,68 @@ class Choice:
     out: Path = Path("sessions")
 
     def config(self) -> Config:
-        """Validated, with a new session folder. Raises ConfigError, OSError."""
+        """Validated, the radio's certificates too, with a new session folder. Raises ConfigError, OSError."""
         config = load(self.profile, path=self.path, person=self.person, seed=self.seed, px4=self.px4)
+        with told_in(self.profile):
+            check_radio(config)
         folder = str(new_session(self.out).resolve())
         return config.model_copy(update={"subject": self.subject, "condition": self.condition, "session_dir": folder})
 
 
 def bus_config(config: Config) -> BusConfig:
     """Where the services of this system find each other."""
-    return BusConfig(system=config.system.name, run_dir=default_run_dir(), services=config.system.services)
+    return BusConfig(
+        system=config.system.name,
+        run_dir=default_run_dir(),
+        services=config.system.services,
+        placement=config.placement(),
+    )
+
+
+def check_radio(config: Config) -> None:
+    """Certificates and addresses of this host, before anything starts. Raises ConfigError."""
+    if config.hosts and config.system.host in GATEWAYS:
+        from services.gateway.start import check
+
+        check(config, bus_config(config))
+
+
+def services_of(config: Config) -> tuple[str, ...]:
+    """Of the whole system, on both hosts where there are two."""
+    return tuple(n for host in config.hosts.values() for n in host.services) or config.system.services
+
+
+def observer_bus(config: Config) -> BusConfig:
+    """For tools: on one of the hosts, or over the radio from a console. Raises ConfigError as a gateway's start does."""
+    if config.system.host != "console":
+        return bus_config(config)
+    from services.gateway.start import console_bus
+
+    return console_bus(config, bus_config(config))
+
+
+def clock_of(config: Config, bus: ZenohBus) -> Clock:
+    """A tool's clock: this host's; a console lives on the ground's, as far as it can be told over the radio."""
+    if config.system.host != "console":
+        return MonotonicClock()
+    from services.gateway.console import ground_clock
+
+    return ground_clock(bus)
 
 
 def run_service(name: str, config: Config) -> int:
-    """Run one service in this process; its module is named like it. Returns the exit code."""
-    module = importlib.import_module(f"services.{name}.service")
-    return serve(name, module.run, config, bus_config(config))
+    """Run one service in this process. Returns the exit code."""
+    module, buses = importlib.import_module(module_of(name)), bus_config(config)
+    if name in GATEWAYS.values():
+        from services.gateway.start import gateway_bus  # with it, the certificates' library
+
+        buses = gateway_bus(config, buses)
+    return serve(name, module.run, config, buses)
+
+
+def module_of(name: str) -> str:
+    """A service's module is named like it; both gateways are one."""
+    return f"services.{'gateway' if name in GATEWAYS.values() else name}.service"
 
 
 def new_session(out: Path) -> Path:
@@ -79,17 +128,23 @@ async def launch_all(config: Config, timeout_s: float = 30.0) -> AsyncGenerator[
 
 
 def run_by_hand(name: str, profile: str, px4: str = "") -> int:
-    """`clew run`: one service in the foreground; 2 for bad configuration or a name that does not exist."""
+    """`clew run`: one service in the foreground; 2 for bad configuration or a name that does not exist.
+
+    `gateway` is this host's.
+    """
     try:
-        if name not in SERVICES:
+        if name not in (*SERVICES, "gateway"):
             raise ConfigError(f"service {name!r}: must be one of {', '.join(SERVICES)}")
         config = load(profile, px4=px4)
+        if name == "gateway":
+            name = GATEWAYS.get(config.system.host, name)
+        if not config.session_dir and name == "recorder":
+            config = config.model_copy(update={"session_dir": str(new_session(Path("sessions")).resolve())})
+        with told_in(profile):
+            return run_service(name, config)
     except ConfigError as error:
         print(error, file=sys.stderr)  # noqa: T201
         return 2
-    if not config.session_dir:
-        config = config.model_copy(update={"session_dir": str(new_session(Path("sessions")).resolve())})
-    return run_service(name, config)
 
 
 def up(choice: Choice) -> int:

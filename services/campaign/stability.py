@@ -97,7 +97,7 @@ def fly(grid: Grid, setup: Setup, seconds: float = 20.0, seed: int = 1, watch: T
     ratio, k_c, observer_Hz, delay_ms = (x.ravel() for x in np.meshgrid(*grid, indexing="ij"))
     p = _robot(ratio, observer_Hz, delay_ms, setup)
     line = dataclasses.replace(setup.cable, k_c_N_per_m=cast(float, k_c))
-    start = HAND + cable.offset(np.broadcast_to(WANTED_N, (len(k_c), 3)), _by_row(line))
+    start = HAND + cable.offset(np.broadcast_to(WANTED_N, (len(k_c), 3)), line)
     state, command, random = _begin(start, p), _wish(start, p), np.random.default_rng(seed)
 
     def pull(state: tethered.State) -> Array:
@@ -181,11 +181,6 @@ def _begin(p_R: Array, p: tethered.Robot) -> tethered.State:
 def _wish(p_R: Array, p: tethered.Robot) -> admittance.Command:
     """Where it is, and WANTED_N on the hand."""
     return admittance.guide(p_R, np.broadcast_to(WANTED_N, p_R.shape), 1.0, p.filter)
-
-
-def _by_row(line: Cable) -> Cable:
-    """With k_c as a column, for `cable.offset`, which works on whole vectors."""
-    return dataclasses.replace(line, k_c_N_per_m=cast(float, np.asarray(line.k_c_N_per_m)[:, None]))
 
 
 def _fit(signal: Array, t: Array, frequency_Hz: float) -> complex:

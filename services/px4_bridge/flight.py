@@ -42,6 +42,8 @@ class Flight:
     ceiling_m: Positive
     """Height above the floor that the reference never rises beyond while a person may be on the cable (G6)."""
     feed_forward_ramp_s: Positive
+    lead_s: NonNegative
+    """How much later than its set-point the vehicle's horizontal acceleration comes."""
     ease_slack_m: Positive
     """How far inside its rest length the cable hangs when the system has backed off."""
     yaw_rad: float
@@ -135,7 +137,8 @@ def step(state: State, x: Input, dt: float, p: Params) -> tuple[State, Output]:
     state = _filter(state, x, p) if complies else _approach(state, x, dt, p)
     change = (1.0 if complies else -1.0) * dt / p.flight.feed_forward_ramp_s
     state = state._replace(feed_forward=min(max(state.feed_forward + change, 0.0), 1.0))
-    sent = setpoints.setpoint(state.filter, state.f_hat, p.flight.m_R_kg, state.feed_forward, state.p_sent, p.limits)
+    reference = setpoints.ahead(state.filter, state.port.damping, p.admittance.M_A_kg, p.flight.lead_s)
+    sent = setpoints.setpoint(reference, state.f_hat, p.flight.m_R_kg, state.feed_forward, state.p_sent, p.limits)
     state = state._replace(p_sent=sent.p)
     return state, Output(kind, sent, state.filter.a, state.u_A, state.feed_forward)
 

@@ -117,8 +117,14 @@ def rerun(session: Session, name: str, config: Config) -> Outcome:
     """Run one service on all of a session.
 
     Raises:
-        CannotRerun: the recording has none of its messages, or is older than the headers that this needs.
+        CannotRerun: the recording has none of its messages, or is older than the headers that this needs, or was made on
+            the other host, where not all that the service took in arrives.
     """
+    if thinned := thinned_for(name, config):
+        host = config.host_of(name)
+        raise CannotRerun(
+            f"{name}: {', '.join(thinned)} crossed the radio thinned; a recorder on the {host} has it whole"
+        )
     subject, began = SUBJECTS[name], time.perf_counter()
     tape = Tape(session, name)
     turns = tape.rows(subject.turns.key)
@@ -137,6 +143,15 @@ def rerun(session: Session, name: str, config: Config) -> Outcome:
     return outcome
 
 
+def thinned_for(name: str, config: Config) -> list[str]:
+    """Topics that the service had whole, or said, on its own host, while the recorder on the other heard some of them."""
+    here = config.host_of(name)
+    if here == config.host_of("recorder"):
+        return []
+    own = [topic for topic in TOPICS if name in (topic.publisher, *topic.subscribers)]
+    return [topic.key for topic in own if topic.radio_Hz and config.host_of(topic.publisher) == here]
+
+
 def _lives(turns: Sequence[Row]) -> Iterator[range]:
     """Positions of messages between which the service neither started anew nor spent a turn in silence."""
     begin = 0
@@ -153,7 +168,7 @@ def _compare_others(subject: Subject, tape: "Tape", outcome: Outcome) -> None:
     """What a service says now and then is compared in order."""
     for topic in subject.also:
         recorded, said = tape.payloads(topic.key), outcome.said[topic.key]
-        times = [row["said_ns"] for row in tape.rows(topic.key)]
+        times = [tape.said_ns(topic.key, i) for i in range(len(recorded))]
         for i in range(max(len(recorded), len(said))):
             one = recorded[i] if i < len(recorded) else None
             other = said[i] if i < len(said) else None
@@ -168,12 +183,16 @@ class Tape:
         self._logs = session.logs_of(own)
         self._rows: dict[str, list[Row]] = {}
         self._places: dict[str, dict[int, list[int]]] = {}
-        epoch_ns = int(session.metadata.get("clew.clock", {}).get("epoch_minus_monotonic_ns", 0))
-        self._start_ns = session.start_ns - epoch_ns
+        self._start_ns = session.start_ns
 
-    def t_s(self, monotonic_ns: int) -> float:
-        """Since the session's start."""
-        return (monotonic_ns - self._start_ns) * 1e-9
+    def t_s(self, time_ns: int) -> float:
+        """Since the session's start, of a time in the file."""
+        return (time_ns - self._start_ns) * 1e-9
+
+    def said_ns(self, key: str, i: int) -> int:
+        """When message `i` was said, in the file's time: that of every host."""
+        row = self.rows(key)[i]
+        return self._logs[key].times_ns[i] + row["said_ns"] - row["stamp_ns"]
 
     def payloads(self, key: str) -> Sequence[bytes]:
         """As they were said."""
@@ -185,8 +204,8 @@ class Tape:
             self._rows[key] = rows(self.payloads(key))
         return self._rows[key]
 
-    def place(self, key: str, seq: int, said_ns: int) -> int | None:
-        """Where the message with that seq stands that a turn at `said_ns` can have taken in; None where nowhere."""
+    def place(self, key: str, seq: int, by_ns: int) -> int | None:
+        """Where the message with that seq stands that a turn at `by_ns` can have taken in; None where nowhere."""
         if key not in self._places:
             self._places[key] = {}
             for i, row in enumerate(self.rows(key)):
@@ -194,7 +213,7 @@ class Tape:
         found = self._places[key].get(seq, [])
         if len(found) < 2:
             return found[0] if found else None
-        before = [i for i in found if self.rows(key)[i]["stamp_ns"] <= said_ns]
+        before = [i for i in found if self._logs[key].times_ns[i] <= by_ns]
         return before[-1] if before else found[0]
 
 
@@ -204,7 +223,7 @@ class _Life:
     def __init__(self, subject: Subject, config: Config, tape: Tape, outcome: Outcome) -> None:
         self._subject, self._config, self._tape, self._outcome = subject, config, tape, outcome
         self._bus = RecordedBus()
-        self._node = RerunNode(outcome.service, self._bus)
+        self._node = RerunNode(outcome.service, self._bus, config.placement(config.host_of(outcome.service)))
         self._taken: dict[str, int] = {}
 
     async def live(self, turns: range) -> None:
@@ -218,8 +237,8 @@ class _Life:
                 row = self._tape.rows(self._subject.turns.key)[i]
                 loop.now_ns = row["said_ns"]
                 self._begin(row)
-                await self._turn(row, task)
-                self._collect(i, row)
+                await self._turn(row, self._tape.said_ns(self._subject.turns.key, i), task)
+                self._collect(i)
         finally:
             task.cancel()
             await asyncio.gather(task, return_exceptions=True)
@@ -232,11 +251,11 @@ class _Life:
             if not publisher.seq and said < len(self._tape.rows(topic.key)):
                 publisher.seq = self._tape.rows(topic.key)[said]["seq"] - 1
 
-    async def _turn(self, row: Row, task: "asyncio.Task[None]") -> None:
+    async def _turn(self, row: Row, by_ns: int, task: "asyncio.Task[None]") -> None:
         """Hand over what was taken in, the tick or the awaited message last, and wait for the answer."""
         inputs = {key: seq for key, seq in row["inputs"].items() if key not in (TICK, MISSED)}
         for key in sorted(inputs, key=lambda key: key in self._bus.awaited):
-            self._deliver(key, inputs[key], row)
+            self._deliver(key, inputs[key], row, by_ns)
         if TICK in row["inputs"]:
             self._node.tick(row["inputs"][TICK] - 1, row["inputs"].get(MISSED, 0))
         for _ in range(_PATIENCE):
@@ -247,8 +266,8 @@ class _Life:
                 break
         await asyncio.sleep(0)
 
-    def _deliver(self, key: str, seq: int, row: Row) -> None:
-        place, last = self._tape.place(key, seq, row["said_ns"]), self._taken.get(key)
+    def _deliver(self, key: str, seq: int, row: Row, by_ns: int) -> None:
+        place, last = self._tape.place(key, seq, by_ns), self._taken.get(key)
         if place is None:
             self._note(f"{self._subject.turns.key} {row['seq']} used {key} {seq}, which was not recorded")
         elif place != last:
@@ -261,13 +280,14 @@ class _Life:
         if len(self._outcome.notes) < 5:
             self._outcome.notes.append(text)
 
-    def _collect(self, i: int, row: Row) -> None:
+    def _collect(self, i: int) -> None:
         said = [payload for key, payload in self._bus.said if key == self._subject.turns.key]
-        recorded = self._tape.payloads(self._subject.turns.key)[i]
-        self._outcome.compare(self._subject.turns, recorded, said[0] if said else None, self._tape.t_s(row["said_ns"]))
-        for key, payload in self._bus.said:
-            if key in self._outcome.said:
-                self._outcome.said[key].append(payload)
+        key, t_s = self._subject.turns.key, self._tape.t_s(self._tape.said_ns(self._subject.turns.key, i))
+        recorded = self._tape.payloads(key)[i]
+        self._outcome.compare(self._subject.turns, recorded, said[0] if said else None, t_s)
+        for topic, payload in self._bus.said:
+            if topic in self._outcome.said:
+                self._outcome.said[topic].append(payload)
         self._bus.said.clear()
 
 

@@ -8,6 +8,8 @@ from typing import TypeVar
 from schemas.message import Message
 from schemas.topics import Stance, Topic
 from services.runtime.bus import Mailbox, OnPayload
+from services.runtime.hosts import Placement
+from services.runtime.inbox import Inbox
 from services.runtime.node import Node, Tick
 from services.runtime.readers import Queue
 from services.runtime.virtual import VirtualClock
@@ -53,8 +55,8 @@ class RecordedBus:
 class RerunNode(Node):
     """A node on virtual time that ticks when it is told to. It may read every topic: the recording was made by the table."""
 
-    def __init__(self, name: str, bus: RecordedBus) -> None:
-        super().__init__(name, bus, VirtualClock(), observer=True)
+    def __init__(self, name: str, bus: RecordedBus, placement: Placement) -> None:
+        super().__init__(name, bus, VirtualClock(), observer=True, placement=placement)
         self.queued: set[str] = set()
         """Topics of which every message counts, not the newest alone."""
         self._due: asyncio.Queue[tuple[int, int]] = asyncio.Queue()
@@ -76,3 +78,9 @@ class RerunNode(Node):
             stamp_ns = stamp_ns + (n - last + missed) * period_ns if stamp_ns else self.turn.now_ns()
             last = n
             yield Tick(n, (1 + missed) / rate_Hz, missed, stamp_ns)
+
+    def _inbox(self, topic: Topic[M]) -> Inbox[M]:
+        """What a recording names was taken: no command is refused for its age once more."""
+        inbox = super()._inbox(topic)
+        inbox.obeys = False
+        return inbox

@@ -66,6 +66,7 @@ async def record(
             metadata={**metadata, "part": str(n)},
             attachments=attachments,
             verdict=verdict,
+            hosts=node.hosts,
         )
 
     recording = Recording(file, LOGGED, params, open_part, node.clock.now_ns())

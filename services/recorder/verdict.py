@@ -21,12 +21,15 @@ class Count:
     largest_gap_s: float = 0.0
     last_ns: int = field(default=0, compare=False)
 
-    def heard(self, seq: int, time_ns: int) -> None:
-        """Take one message: what was said before the first is not missing, a seq that does not rise is a restart."""
+    def heard(self, seq: int, time_ns: int, *, thinned: bool = False) -> None:
+        """Take one message: what was said before the first is not missing, a seq that does not rise is a restart.
+
+        A topic that is `thinned` on its way has gaps that nobody lost.
+        """
         if not self.received:
             self.first_seq = seq
         elif seq > self.last_seq:
-            self.missing += seq - self.last_seq - 1
+            self.missing += 0 if thinned else seq - self.last_seq - 1
         else:
             self.restarts += 1
         if self.received:

@@ -15,6 +15,7 @@ from services.parameters import Positive, parameters
 from services.recorder.schema import schema_text
 from services.recorder.verdict import Count, Verdict
 from services.runtime.bus import MAX_PAYLOAD_bytes
+from services.runtime.hosts import Hosts
 
 _ANOTHER_CLOCK_NS = 5_000_000_000  # a stamp this far from its arrival was made by another host's clock
 
@@ -37,8 +38,9 @@ class SessionWriter:
     """Writes payloads as they came; of each it reads no more than seq and stamp.
 
     Stamps inside messages stay as they are, monotonic. In the file a message's time is its stamp plus `epoch_ns`, the
-    wall clock's lead over this host's monotonic clock; a publisher on another host gets a lead of its own, from the
-    first message that arrives. `metadata` and `attachments` come first in the file, so that a kill leaves them.
+    wall clock's lead over this host's monotonic clock; a publisher on another host gets a lead of its own, by the
+    comparison of the clocks (`hosts`), and until there is one from the first message that arrives. `metadata` and
+    `attachments` come first in the file, so that a kill leaves them.
     Raises FileExistsError rather than overwrite a recording.
     """
 
@@ -52,7 +54,11 @@ class SessionWriter:
         metadata: Mapping[str, str] | None = None,
         attachments: Mapping[str, bytes] | None = None,
         verdict: Verdict | None = None,
+        hosts: Hosts | None = None,
     ) -> None:
+        self._publisher = {topic.key: topic.publisher for topic in topics}
+        self._hosts = hosts or Hosts()
+        self._thinned = {topic.key for topic in topics if topic.radio_Hz and self._hosts.crosses(topic.publisher)}
         self.verdict = verdict or Verdict({topic.key: Count() for topic in topics})
         self._leads_ns = [epoch_ns]
         self._lead_of = dict.fromkeys(self.verdict.topics, epoch_ns)
@@ -79,8 +85,9 @@ class SessionWriter:
             count.malformed += 1
             return
         seq, stamp_ns = header
-        time_ns = stamp_ns + self._lead_ns(key, stamp_ns, received_ns)
-        count.heard(seq, time_ns)
+        here_ns = self._hosts.here_ns(self._publisher[key], stamp_ns) if self._hosts.two else None
+        time_ns = here_ns + self._leads_ns[0] if here_ns else stamp_ns + self._lead_ns(key, stamp_ns, received_ns)
+        count.heard(seq, time_ns, thinned=key in self._thinned)
         self._writer.add_message(self._channel_of[key], time_ns, payload, time_ns, seq)
 
     def _lead_ns(self, key: str, stamp_ns: int, received_ns: int) -> int:

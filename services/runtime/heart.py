@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Mapping
 
 from schemas.health import Heartbeat
+from services.runtime import watchdog
 from services.runtime.ticker import LoopStats
 from services.runtime.turn import Turn
 from services.runtime.virtual import VirtualLoop
@@ -37,6 +38,7 @@ class Heart:
         if now_ns >= self._due_ns:
             self._due_ns = now_ns + round(PERIOD_s * 1e9)
             self._publish()
+            watchdog.feed()
 
     def wake_later(self) -> None:
         """Wake the waiting streams for the next beat; without a publisher nobody has to wake."""

@@ -6,10 +6,11 @@ from collections.abc import AsyncIterator
 from typing import Any, Generic, TypeVar
 
 from schemas.message import Message
-from schemas.topics import HEALTH, Topic
+from schemas.topics import HEALTH, RADIO_CLOCK, Topic
 from services.runtime.bus import Bus
 from services.runtime.clock import Clock
 from services.runtime.heart import Heart, Report
+from services.runtime.hosts import Hosts, Placement
 from services.runtime.inbox import Inbox
 from services.runtime.readers import Latest, Queue, Stream, used
 from services.runtime.ticker import LoopStats, Tick, ticks
@@ -43,7 +44,9 @@ class Publisher(Generic[M]):
 class Node:
     """What a service holds. It may write and read what the table says; an `observer` may read everything."""
 
-    def __init__(self, name: str, bus: Bus, clock: Clock, *, observer: bool = False) -> None:
+    def __init__(
+        self, name: str, bus: Bus, clock: Clock, *, observer: bool = False, placement: Placement | None = None
+    ) -> None:
         self.name = name
         self.clock = clock
         """The host's time; laws and stamps go by the `turn`'s."""
@@ -58,6 +61,9 @@ class Node:
         self._publishers: dict[str, Publisher[Any]] = {}
         self._report = Report(name, self.turn)
         self._heart = Heart(self.turn, self._publish_health if name in HEALTH else None)
+        self.hosts = Hosts(placement)
+        if self.hosts.two and name != RADIO_CLOCK.publisher:
+            self._compare_clocks()
 
     def publisher(self, topic: Topic[M]) -> Publisher[M]:
         """The writer of `topic`.
@@ -116,8 +122,16 @@ class Node:
         if not (self._observer or self.name in topic.subscribers):
             raise ValueError(f"{self.name} may not read {topic.key}: the table lists {', '.join(topic.subscribers)}")
         if topic.key not in self._inboxes:
-            self._inboxes[topic.key] = Inbox(topic, self.bus, self.turn, self.reject)
+            self._inboxes[topic.key] = Inbox(topic, self.bus, self.turn, self.reject, self.hosts)
+            self._inboxes[topic.key].obeys = self.name in topic.subscribers
         return self._inboxes[topic.key]
+
+    def _compare_clocks(self) -> None:
+        """Let `hosts` know each comparison before a message of the other host is dated."""
+        inbox = self._inbox(RADIO_CLOCK)
+        inbox.taps.append(self.hosts.note)
+        inbox.listen()
+        self.hosts.look = inbox.look
 
     def _publish_health(self) -> None:
         for inbox in self._inboxes.values():

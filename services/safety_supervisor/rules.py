@@ -42,6 +42,9 @@ class Limits:
     battery_warn_fraction: Positive
     battery_land_fraction: Positive
     release_s: Positive
+    clock_uncertainty_max_s: Positive
+    """Of the comparison of the two hosts' clocks: what it adds to the age of a command."""
+    time_of_day_apart_max_s: Positive
 
 
 class Facts(NamedTuple):
@@ -68,6 +71,9 @@ class Facts(NamedTuple):
     """Part of the guiding force that the energy tank lets act."""
     battery_fraction: float
     stall_s: float
+    clock_uncertainty_s: float = 0.0
+    """Infinite before the first comparison; 0 on one host."""
+    time_of_day_apart_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -108,6 +114,8 @@ RULES: tuple[Rule, ...] = (
     Rule("tank_empty",        lambda f, p: f.tank_scale < 1.0,                      PULLING, 0.0, Level.WARN,  "guidance has used up its energy",          "land; the next start fills the tank"),
     Rule("battery_low",       lambda f, p: f.battery_fraction < p.battery_warn_fraction, FLYING, 2.0, Level.WARN, "the battery is low",                   "finish soon"),
     Rule("battery_empty",     lambda f, p: f.battery_fraction < p.battery_land_fraction, FLYING, 2.0, Level.LAND, "the battery is empty",                 "change it"),
+    Rule("clocks_unknown",    lambda f, p: f.clock_uncertainty_s > p.clock_uncertainty_max_s, PREPARED, 0.0, Level.EASE, "the clocks of the two hosts are not compared", "look at clew link"),
+    Rule("time_of_day",       lambda f, p: f.time_of_day_apart_s > p.time_of_day_apart_max_s, PREPARED, 0.0, Level.EASE, "the two hosts differ in the time of day", "set up chrony (docs/operate.md)"),
     Rule("host_stall",        lambda f, p: f.stall_s > p.stall_s,                   ENGAGED, 0.0, Level.EASE,  "this host took the processor away",        "stop what else runs on it"),
 )
 # fmt: on

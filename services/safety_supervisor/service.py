@@ -12,6 +12,7 @@ from schemas.topics import (
     ENERGY,
     GUIDANCE,
     HANDLE_STATE,
+    RADIO_CLOCK,
     REPLY,
     REQUEST,
     ROBOT_POSE,
@@ -42,6 +43,7 @@ class Senses:
         self.setpoint = node.latest(SETPOINT)
         self.energy = node.latest(ENERGY)
         self.requests = node.queue(REQUEST)
+        self.clocks = node.latest(RADIO_CLOCK) if node.hosts.two else None
 
     def inputs(self, tick: Tick) -> dict[str, int]:
         """What a verdict was made of."""
@@ -49,7 +51,8 @@ class Senses:
             (self.handle, self.robot_pose),
             (self.vehicle, self.force, self.guidance, self.setpoint, self.energy),
         )
-        return used(*seen, *told, self.requests, tick=tick)
+        clocks = (self.clocks,) if self.clocks else ()
+        return used(*seen, *told, self.requests, *clocks, tick=tick)
 
 
 class Person(NamedTuple):
@@ -119,6 +122,7 @@ def _facts(senses: Senses, person: Person, stall_s: float, config: Config) -> Fa
     """What the rules are judged by; what is unknown is judged by its age, not by a guess."""
     hand, robot, force = senses.handle.message, senses.vehicle.message, senses.force.message
     energy = senses.energy.message
+    clock = senses.clocks.value if senses.clocks else None
     p, world = config.safety_supervisor, config.world
     p_R = robot.position_m.array() if robot else np.zeros(3)
     p_H = hand.position_m.array() if hand and hand.valid else p_R - np.array([0.0, 0.0, config.cable.rest_length_m])
@@ -151,7 +155,16 @@ def _facts(senses: Senses, person: Person, stall_s: float, config: Config) -> Fa
         tank_scale=energy.tank_scale if energy else 1.0,
         battery_fraction=robot.battery_fraction if robot else 1.0,
         stall_s=stall_s,
+        clock_uncertainty_s=_clock_uncertainty_s(senses),
+        time_of_day_apart_s=abs(clock.time_of_day_apart_s) if clock else 0.0,
     )
+
+
+def _clock_uncertainty_s(senses: Senses) -> float:
+    if senses.clocks is None:
+        return 0.0
+    clock = senses.clocks.value
+    return clock.uncertainty_s if clock else float("inf")
 
 
 def _age_s(reader: Latest[Any]) -> float:

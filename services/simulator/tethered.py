@@ -20,7 +20,7 @@ import numpy as np
 from services.force_estimator import observer
 from services.force_estimator.observer import Observer
 from services.physics import Array, Scalar
-from services.px4_bridge import admittance
+from services.px4_bridge import admittance, setpoint
 from services.px4_bridge.admittance import Admittance, Command
 from services.simulator import flight, imu, quadrotor
 from services.simulator.cascade import Setpoint
@@ -35,6 +35,7 @@ class Robot(NamedTuple):
     observer: Observer
     latency: Latency = Latency()
     z_max_m: float = math.inf
+    lead_s: Scalar = 0.0
 
 
 class State(NamedTuple):
@@ -62,7 +63,8 @@ def tick(state: State, f_ext_W: Array, command: Command, slack: Scalar, normal: 
     thrust = robot.rotor_thrust_N.sum(-1)
     seen, f_c = observer.step(state.seen, a_B, robot.q_WB_wxyz, thrust, TICK_S, p.observer)
     reference, _ = admittance.step(state.reference, f_c, command, slack, TICK_S, p.z_max_m, p.filter)
-    a_sp = reference.a + f_c / body.mass_kg
+    b = admittance.damping(reference, command, p.filter)
+    a_sp = setpoint.ahead(reference, b, p.filter.M_A_kg, p.lead_s).a + f_c / body.mass_kg
     heading = np.zeros(f_c.shape[:-1])
     steered = flight.steer(state.flight, Setpoint(reference.p, reference.v, a_sp, heading), p.vehicle, p.latency)
     return State(steered, reference, seen, f_c)

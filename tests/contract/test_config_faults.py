@@ -20,7 +20,11 @@ FILES = {
     folder: tomllib.loads((deploy_folder() / folder / f"{name}.toml").read_text()) for folder, name in KINDS.items()
 }
 WRONG = ({"zz": 1}, [1, "a"], float("nan"))
-OPTIONAL = {target for target, _, _ in DERIVED} | {"behaviour", "cable.d_c_Ns_per_m"}
+OPTIONAL = (
+    {target for target, _, _ in DERIVED}
+    | {"behaviour", "cable.d_c_Ns_per_m"}
+    | {f"recorder.{key}" for key in ("rotate_bytes", "rotate_s", "free_min_bytes")}
+)
 Key = tuple[str, ...]
 
 

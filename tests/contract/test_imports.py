@@ -11,6 +11,7 @@ import pytest
 import schemas
 import services
 from schemas.topics import SERVICES
+from services.start import module_of
 
 ROOT = Path(__file__).parents[2]
 DEVICES = {
@@ -24,8 +25,17 @@ DEVICES = {
     "wire",
     "px4_hil",
     "px4_process",
+    *("session", "start", "console", "refusals"),  # the gateway's
 }
-LAW_FOLDERS = ("tracker", "force_estimator", "guiding_controller", "safety_supervisor", "px4_bridge", "simulator")
+LAW_FOLDERS = (
+    "tracker",
+    "force_estimator",
+    "guiding_controller",
+    "safety_supervisor",
+    "px4_bridge",
+    "simulator",
+    "gateway",
+)
 LAWS = sorted(
     f"services.{folder}.{file.stem}"
     for folder in LAW_FOLDERS
@@ -68,6 +78,6 @@ def test_the_packages_are_this_repositorys(package):
 
 @pytest.mark.parametrize("name", SERVICES)
 def test_a_service_is_named_like_its_module(name):
-    run = importlib.import_module(f"services.{name}.service").run
+    run = importlib.import_module(module_of(name)).run
     assert inspect.iscoroutinefunction(run)
     assert list(inspect.signature(run).parameters) == ["node", "config"]

@@ -20,7 +20,7 @@ class Wire(Link):
     def receive(self):
         return []
 
-    def send(self, state, _sensors, _output):
+    def send(self, state, sensors, output):
         self.sent_s.append(state.t_s)
 
 

@@ -26,6 +26,8 @@ P = Limits(
     battery_warn_fraction=0.3,
     battery_land_fraction=0.15,
     release_s=0.8,
+    clock_uncertainty_max_s=0.05,
+    time_of_day_apart_max_s=1.0,
 )
 FINE = Facts(
     handle_age_s=0.0,
@@ -46,11 +48,13 @@ FINE = Facts(
     battery_fraction=1.0,
     stall_s=0.0,
 )
-WORST = Facts(9.0, 9.0, 9.0, 9.0, 9.0, 9.0, False, 9.0, 0.0, 0.0, 1.0, 1.0, 9.0, 9.0, 0.0, 0.0, 9.0)
+WORST = Facts(9.0, 9.0, 9.0, 9.0, 9.0, 9.0, False, 9.0, 0.0, 0.0, 1.0, 1.0, 9.0, 9.0, 0.0, 0.0, 9.0, 9.0, 9.0)
 DT = 0.05
 NAMES = {rule.name: rule for rule in RULES}
 # One value on either side of each limit: what breaks exactly this rule (and those that a graver case of it implies).
 CASES: dict[str, tuple[str, object, object, set[str]]] = {
+    "clocks_unknown": ("clock_uncertainty_s", 0.049, 0.051, set()),
+    "time_of_day": ("time_of_day_apart_s", 0.99, 1.01, set()),
     "vehicle_silent": ("vehicle_age_s", 0.99, 1.01, set()),
     "handle_hidden": ("handle_age_s", 0.19, 0.21, set()),
     "handle_lost": ("handle_age_s", 0.99, 1.01, {"handle_hidden"}),

@@ -9,7 +9,7 @@ from schemas.safety import Action, Permit, Phase
 from schemas.topics import (
     CABLE_FORCE,
     ENERGY,
-    HEALTH,
+    GATEWAYS,
     MOCAP_FRAME,
     ROBOT_POSE,
     SAFETY_STATE,
@@ -266,7 +266,7 @@ def test_every_topic_is_said_by_its_publisher_at_the_rate_of_the_table():
 
     said = fly(CONFIG, script).said
     for topic in TOPICS:
-        if topic.rate_Hz and topic is not HEALTH["recorder"]:
+        if topic.rate_Hz and topic.publisher not in ("recorder", *GATEWAYS.values()):
             flying = [m for m in said[topic.key] if m.stamp_ns > 1.6e9]
             assert len(flying) >= 2, f"{topic.key} is not said"
             assert rate_Hz(flying) == pytest.approx(topic.rate_Hz, rel=0.1), topic.key

@@ -190,7 +190,7 @@ def test_a_hand_that_walks_takes_the_guidance_along():
     path = CONFIG.guided_path
     commands = commanded(lambda t_s: handle(path.p(0.2 + 0.05 * t_s)), guide)
     led = [m for m in commands if m.valid]
-    assert np.all(np.diff([m.s for m in led]) >= 0.0)
+    assert np.all(np.diff([m.s for m in led]) >= -1e-12)  # the projection's rounding
     assert led[-1].s == pytest.approx(0.2 + 0.05, abs=0.005)
     assert led[-1].scale == pytest.approx(1.0 / CONFIG.guiding_controller.ramp_s, abs=0.05)
     assert set(led[-1].inputs) == {HANDLE_STATE.key, VEHICLE_STATE.key, SAFETY_STATE.key, TICK}

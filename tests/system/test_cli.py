@@ -9,7 +9,8 @@ import time
 
 import pytest
 
-from schemas.topics import NOTE, SERVICES
+from schemas.topics import NOTE
+from services.config import load
 from services.recorder.inspection import inspect
 from services.recorder.reading import read
 from tests.system.demo_profile import clew, free_port, run, write_profile
@@ -48,7 +49,7 @@ def test_status_names_every_service_and_what_limits_the_system(system):
             break
         ended = run(folder, "status", "--profile", profile)
     assert ended.returncode == 0, ended.stdout + ended.stderr
-    assert all(name in ended.stdout for name in SERVICES)
+    assert all(name in ended.stdout for name in load("demo").system.services)
     assert "phase idle" in ended.stdout
 
 

@@ -2,10 +2,12 @@
 
 import shutil
 import subprocess
+from pathlib import Path
 
 import pytest
 
 from services import sessions
+from services.recorder.figures import FIGURES
 from services.recorder.page import write_page
 from services.recorder.reading import read
 from tests.services import synthetic
@@ -68,6 +70,6 @@ def test_the_command_writes_page_and_figures(files, tmp_path, capsys):
     assert sessions.report(files[:1], tmp_path / "page.html", tmp_path / "figures") == 0
     assert "https://" not in (tmp_path / "page.html").read_text().replace("http://www.w3.org", "")
     drawn = sorted(file.name for file in (tmp_path / "figures" / "one").iterdir())
-    assert drawn == ["path.pdf", "path.png", "time.pdf", "time.png", "timing.pdf", "timing.png"]
+    assert drawn == sorted(str(Path(name).with_suffix(kind)) for name in FIGURES for kind in (".pdf", ".png"))
     assert sessions.report([tmp_path / "none"], None, None) == 2
     assert "no recording there" in capsys.readouterr().err
