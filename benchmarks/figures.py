@@ -20,11 +20,11 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         summary = fly(Path(folder), seed=1)
         shots = [summary["folder"] / name for name in ("path.png", "time.png")]
-        subprocess.run([sys.executable, "-m", "services.cli", "map", "--out", folder], check=True)
+        subprocess.run([sys.executable, "-m", "services.console.cli", "map", "--out", folder], check=True)
         for file in (*shots, Path(folder) / "stability_map.png"):
             shutil.copy(file, DOCS / file.name)
         out = Path(folder) / "campaign"
-        subprocess.run([sys.executable, "-m", "services.cli", "campaign", "--out", str(out)], check=True)
+        subprocess.run([sys.executable, "-m", "services.console.cli", "campaign", "--out", str(out)], check=True)
         shutil.copy(out / "walks.png", DOCS / "campaign.png")
     subprocess.run([sys.executable, "-m", "benchmarks.campaign", "--out", str(DOCS)], check=True)
     print("\n".join(str(file.relative_to(DOCS.parent.parent)) for file in sorted(DOCS.glob("*.png"))))

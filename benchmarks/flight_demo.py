@@ -37,7 +37,7 @@ LATENCY_COLUMNS = ("handle sample -> set-point that contains it", "p50 ms", "p99
 
 def fly(out: Path, seed: int, profile: str = "demo") -> dict[str, Any]:
     """One demo; its summary, with the session's folder under `folder`."""
-    command = [sys.executable, "-P", "-m", "services.cli", "demo", "--profile", profile, "--no-live"]
+    command = [sys.executable, "-P", "-m", "services.console.cli", "demo", "--profile", profile, "--no-live"]
     command += ["--seed", str(seed), "--out", str(out)]
     ended = subprocess.run(command, capture_output=True, text=True, check=False)
     file = out / "latest" / "summary.json"

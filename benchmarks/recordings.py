@@ -19,13 +19,13 @@ from pydantic_core import from_json, to_json
 from benchmarks.table import show
 from schemas.topics import BY_KEY, TOPICS
 from services.config import load
+from services.console.replay import spoken
 from services.recorder import Session
 from services.recorder.page import write_page
 from services.recorder.rerun import SUBJECTS, rerun
 from services.recorder.schema import json_schema, schema_text
 from services.recorder.walk import CONFIG_ATTACHMENT
 from services.recorder.writer import SessionWriter, channel_name
-from services.replay import spoken
 from tests.services.chain import fly, whole
 
 WRITING = ("writer", "messages", "CPU s", "µs a message", "share of a core %", "x the flight's rates")

@@ -12,11 +12,12 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from services import config, terminal
+from services import config
 from services.campaign import stability, stability_figure
 from services.campaign.stability import Flown, Grid, Setup
 from services.campaign.values import Limits, values
 from services.config import ConfigError
+from services.console import terminal
 from services.px4_bridge.admittance import RATIO_MAX, RATIO_MIN
 
 FREQUENCY_HZ = np.geomspace(0.5, 8.0, 17)

@@ -7,8 +7,8 @@ the kernel when the radio goes is what arrives too late when it comes back.
 from typing import Any
 
 from schemas.topics import TOPICS
-from services.certs import Credentials
 from services.gateway.access import Services, access_control
+from services.gateway.certs import Credentials
 from services.gateway.radio import Radio
 from services.runtime.bus import MAX_PAYLOAD_bytes
 

@@ -4,9 +4,9 @@ import ipaddress
 import socket
 from dataclasses import replace
 
-from services.certs import CertsError, Credentials, credentials, folder
 from services.config import Config, ConfigError
 from services.gateway import session
+from services.gateway.certs import CertsError, Credentials, credentials, folder
 from services.gateway.radio import Radio
 from services.gateway.refusals import LOG_LEVELS
 from services.runtime.bus_config import BusConfig

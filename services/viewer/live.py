@@ -8,10 +8,10 @@ import foxglove
 
 from schemas.topics import TOPICS
 from services.config import ConfigError, load
-from services.replay import replay_bus_config
+from services.console.replay import replay_bus_config
+from services.console.start import bus_config
 from services.runtime.zenoh_bus import ZenohBus, open_bus
 from services.session_files import complain
-from services.start import bus_config
 from services.viewer.pictures import Pictures
 
 

@@ -11,11 +11,11 @@ from urllib.parse import quote
 
 import foxglove
 
+from services.console.replay import spoken
 from services.recorder.page import page
 from services.recorder.page_data import page_data
 from services.recorder.reading import Session
 from services.recorder.walk import path_of
-from services.replay import spoken
 from services.session_files import complain, session_file
 from services.viewer import layout
 from services.viewer.pictures import Pictures

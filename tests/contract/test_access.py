@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 
 from schemas.topics import BY_KEY, OPERATOR, TOPICS
-from services.certs import Credentials
 from services.config import load
 from services.gateway import session
 from services.gateway.access import REMOTE, access_control
+from services.gateway.certs import Credentials
 from services.gateway.radio import ROLES
 
 PREFIX = "clew/@v1/t/"

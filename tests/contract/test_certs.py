@@ -8,12 +8,13 @@ import pytest
 from cryptography import x509
 from typer.testing import CliRunner
 
-from services import certs, install
-from services.certs import CertsError
-from services.cli import app
 from services.config import ConfigError, load
+from services.console import install
+from services.console.cli import app
+from services.console.start import bus_config
+from services.gateway import certs
+from services.gateway.certs import CertsError
 from services.gateway.start import console_bus, gateway_bus
-from services.start import bus_config
 
 HERE = "127.0.0.1"
 ELSEWHERE = "203.0.113.7"  # reserved for documentation: nobody's

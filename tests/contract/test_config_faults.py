@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from services.cli import app
 from services.config import DERIVED, ConfigError, load
+from services.console.cli import app
 from services.profile_file import deploy_folder
 
 KINDS = {"profiles": "demo", "vehicles": "light", "people": "lets_go"}

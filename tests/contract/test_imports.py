@@ -11,7 +11,7 @@ import pytest
 import schemas
 import services
 from schemas.topics import SERVICES
-from services.start import module_of
+from services.console.start import module_of
 
 ROOT = Path(__file__).parents[2]
 DEVICES = {
@@ -25,7 +25,7 @@ DEVICES = {
     "wire",
     "px4_hil",
     "px4_process",
-    *("session", "start", "console", "refusals"),  # the gateway's
+    *("session", "start", "console", "refusals", "certs"),  # the gateway's
 }
 LAW_FOLDERS = (
     "tracker",

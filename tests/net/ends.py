@@ -21,10 +21,10 @@ from schemas.simulation import Truth
 from schemas.topics import BY_KEY, Topic
 from schemas.tracking import HandleSource, HandleState
 from services.config import load
+from services.console.start import bus_config
 from services.runtime.clock import MonotonicClock
 from services.runtime.node import Node
 from services.runtime.zenoh_bus import open_bus
-from services.start import bus_config
 
 ZERO = Vec3()
 THIRD = Vec3(x=1 / 3, y=-2 / 3, z=10 / 3)  # as many digits as a measurement has

@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 from schemas.topics import GUIDANCE, TOPICS
-from services import certs
+from services.gateway import certs
 from tests.net.two_hosts import GROUND_IP, TwoHosts, lines, read_until, stop
 
 PREFIX = "clew/@v1/t/"
@@ -80,7 +80,7 @@ def speak(hosts: TwoHosts, seconds: float = 1.0) -> None:
 def told(hosts: TwoHosts) -> str:
     """The ground gateway's word in `clew status`."""
     profile = str(hosts.folder / "ground.toml")
-    _, out, _ = hosts.run("ground", sys.executable, "-P", "-m", "services.cli", "status", "--profile", profile)
+    _, out, _ = hosts.run("ground", sys.executable, "-P", "-m", "services.console.cli", "status", "--profile", profile)
     return next(line for line in out.splitlines() if "ground_gateway" in line)
 
 

@@ -10,7 +10,7 @@ from tests.net.two_hosts import TwoHosts, read_until
 
 
 def clew(hosts: TwoHosts, host: str, *words: str) -> tuple[int, str, str]:
-    return hosts.run(host, sys.executable, "-P", "-m", "services.cli", *words)
+    return hosts.run(host, sys.executable, "-P", "-m", "services.console.cli", *words)
 
 
 def test_link_tells_the_radio_in_numbers(hosts: TwoHosts):

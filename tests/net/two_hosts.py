@@ -18,7 +18,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from services import certs
+from services.gateway import certs
 from services.gateway.radio import Role
 from tests.net import bad_radio
 
@@ -134,7 +134,7 @@ class TwoHosts:
 
     def clew(self, host: str, *arguments: str) -> subprocess.Popen[str]:
         """`clew ...` on one of the hosts."""
-        return self.start(host, sys.executable, "-P", "-m", "services.cli", *arguments)
+        return self.start(host, sys.executable, "-P", "-m", "services.console.cli", *arguments)
 
     def gateway(self, host: str) -> subprocess.Popen[str]:
         """That host's gateway, by its profile in the folder."""

@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from schemas.topics import ENERGY, TRUTH
-from services.cli import app
+from services.console.cli import app
 from services.recorder.passivity import filter_books, physical_books, walk, worst
 from services.recorder.reading import read
 from tests.services import synthetic

@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 from schemas.safety import Action, Level, Permit, Phase
 from schemas.topics import CABLE_FORCE, ENERGY, HANDLE_STATE, MOCAP_FRAME, SETPOINT, TRUTH, Stance
 from schemas.tracking import HandleSource, MocapFrame, RigidBody
-from services.cli import app
 from services.config import load
+from services.console.cli import app
 from services.guiding_controller import maneuver
 from services.recorder import metrics
 from services.recorder.passivity import filter_books, physical_books, walk, worst

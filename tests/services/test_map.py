@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services import cli
 from services.campaign import stability_map
 from services.campaign.stability_map import Asked
 from services.campaign.values import Limits, values
+from services.console import cli
 
 GOOD = Asked(vehicle="light", ratio="1", k_c="200", seconds=4.0)
 

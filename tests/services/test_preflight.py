@@ -6,7 +6,7 @@ import socket
 import pytest
 
 from services.config import load
-from services.preflight import look, preflight
+from services.console.preflight import look, preflight
 from services.px4_bridge.preflight import Found, differing, reasons
 from services.simulator import service as simulator
 from tests.services.alone import Alone, alone

@@ -8,12 +8,12 @@ import pytest
 from schemas.message import TICK
 from schemas.safety import Action
 from schemas.topics import CABLE_FORCE, GUIDANCE, HANDLE_STATE, SAFETY_STATE, SETPOINT
-from services import rerun as commands
+from services.console import rerun as commands
+from services.console.rerun import config_with
 from services.guiding_controller import service as guiding_controller
 from services.recorder.difference import ABSENT, difference
 from services.recorder.reading import Log, read
 from services.recorder.rerun import SUBJECTS, CannotRerun, rerun
-from services.rerun import config_with
 from services.runtime.node import Node
 from tests.services.chain import Stage, fly
 from tests.services.quick import quick_config

@@ -11,8 +11,8 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from schemas.topics import GUIDANCE, HANDLE_STATE, HEALTH, NOTE, TOPICS
-from services import sessions as commands
 from services.config import load
+from services.console import sessions as commands
 from services.recorder import Session, service
 from services.recorder.inspection import inspect
 from services.recorder.origin import origin

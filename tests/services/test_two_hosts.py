@@ -7,7 +7,7 @@ import pytest
 
 from schemas.safety import Action, Phase
 from schemas.topics import GUIDANCE, RADIO_CLOCK, SAFETY_STATE
-from services import rerun as commands
+from services.console import rerun as commands
 from services.recorder.reading import Session
 from services.recorder.rerun import CannotRerun, rerun
 from tests.services.chain import Stage

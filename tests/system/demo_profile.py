@@ -30,7 +30,7 @@ def write_profile(folder: Path, **changes: str) -> Path:
 def clew(folder: Path, *arguments: str) -> subprocess.Popen[str]:
     """The command line, in a run folder of its own, with SIGINT ignored as a script's background jobs have it."""
     env = os.environ | {"CLEW_RUN_DIR": str(folder / "run")}
-    command = [sys.executable, "-P", "-m", "services.cli", *arguments]
+    command = [sys.executable, "-P", "-m", "services.console.cli", *arguments]
     return subprocess.Popen(
         ["sh", "-c", 'trap "" INT; exec "$0" "$@"', *command],
         cwd=folder,

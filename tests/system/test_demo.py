@@ -6,9 +6,9 @@ import subprocess
 import pytest
 
 from schemas.topics import HEALTH, SETPOINT
+from services.console.rerun import config_with
 from services.recorder.reading import read
 from services.recorder.rerun import SUBJECTS, rerun
-from services.rerun import config_with
 from services.simulator.autopilot import STEP_S
 from tests.system.demo_profile import run, write_profile
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from services import sessions
+from services.console import sessions
 from services.recorder.figures import FIGURES
 from services.recorder.page import write_page
 from services.recorder.reading import read

@@ -176,7 +176,7 @@ def test_the_command_flies_it_too(tmp_path):
         sys.executable,
         "-P",
         "-m",
-        "services.cli",
+        "services.console.cli",
         "demo",
         "--profile",
         "px4-sitl",

@@ -10,7 +10,7 @@ import time
 import pytest
 
 from schemas.topics import HANDLE_STATE, SAFETY_STATE
-from services import replay
+from services.console import replay
 from services.recorder.reading import read
 from services.runtime.bus_config import BusConfig, claim
 from services.runtime.zenoh_bus import open_bus
@@ -93,7 +93,7 @@ def test_it_is_refused_beside_a_vehicle_and_gives_way_to_one(file, tmp_path, mon
 
 def played(file, run_dir):
     """The command, in the run folder of the test."""
-    command = [sys.executable, "-P", "-m", "services.cli", "replay", str(file), "--speed", "100"]
+    command = [sys.executable, "-P", "-m", "services.console.cli", "replay", str(file), "--speed", "100"]
     env = os.environ | {"CLEW_RUN_DIR": str(run_dir)}
     return subprocess.run(command, env=env, capture_output=True, text=True, timeout=60, check=False)
 

@@ -5,12 +5,12 @@ import sys
 from collections.abc import Iterable
 
 from services.config import Config, load, told_in
+from services.console.start import check_radio
 from services.profile_file import ConfigError
 from services.px4_bridge.preflight import Found, Reason, differing, reasons
 from services.px4_bridge.vehicle import MavsdkVehicle
 from services.px4_bridge.vehicle_protocol import Vehicle, VehicleError
 from services.runtime.clock import MonotonicClock
-from services.start import check_radio
 
 _BATTERY_S = 3.0
 

@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from rich.console import Console
 from rich.table import Table
 
-from services import certs
-from services.certs import CertsError
+from services.gateway import certs
+from services.gateway.certs import CertsError
 
 
 def init() -> int:

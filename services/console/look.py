@@ -13,12 +13,12 @@ from schemas.health import Heartbeat
 from schemas.safety import SafetyState
 from schemas.topics import BY_KEY, HEALTH, SAFETY_STATE, TOPICS
 from services.config import ConfigError, load, told_in
-from services.replay import replay_bus_config
+from services.console.replay import replay_bus_config
+from services.console.start import clock_of, observer_bus, services_of
+from services.console.terminal import console
 from services.runtime.clock import MonotonicClock
 from services.runtime.node import Node
 from services.runtime.zenoh_bus import ZenohBus, open_bus
-from services.start import clock_of, observer_bus, services_of
-from services.terminal import console
 
 LISTEN_S = 1.2
 

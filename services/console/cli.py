@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from services import cli_sessions
+from services.console import cli_sessions
 
 app = typer.Typer(
     no_args_is_help=True, add_completion=False, help="Clew guides a person by the hand with a tethered drone."
@@ -31,8 +31,8 @@ def demo(
     condition: cli_sessions.Condition = "",
 ) -> None:
     """Fly the experiment once, simulated, from take-off to landing, and show what happened."""
-    from services import demo as demonstration
-    from services import start
+    from services.console import demo as demonstration
+    from services.console import start
 
     choice = start.Choice(
         profile=profile, path=path, person=person, seed=seed, px4=px4, subject=subject, condition=condition, out=out
@@ -62,7 +62,7 @@ def stability_map(
 @app.command()
 def run(service: str, profile: Profile = "demo", px4: Px4 = "") -> None:
     """Run one service in the foreground."""
-    from services import start
+    from services.console import start
 
     raise typer.Exit(start.run_by_hand(service, profile, px4))
 
@@ -76,7 +76,7 @@ def up(
     condition: cli_sessions.Condition = "",
 ) -> None:
     """Run all services of a profile until Ctrl-C."""
-    from services import start
+    from services.console import start
 
     raise typer.Exit(start.up(start.Choice(profile=profile, px4=px4, subject=subject, condition=condition, out=out)))
 
@@ -87,7 +87,7 @@ def preflight(
     fix: Annotated[bool, typer.Option("--fix", help="set the autopilot's parameters as the profile has them")] = False,
 ) -> None:
     """What stands against a flight, in the order in which to mend it; the system must not run meanwhile."""
-    from services import preflight as checks
+    from services.console import preflight as checks
 
     raise typer.Exit(checks.preflight(profile, fix))
 
@@ -95,7 +95,7 @@ def preflight(
 @app.command()
 def topics(profile: Profile = "demo") -> None:
     """The topic table."""
-    from services import look
+    from services.console import look
 
     look.topics()
 
@@ -108,7 +108,7 @@ def echo(
     replay: cli_sessions.Replay = False,
 ) -> None:
     """Print the messages of a topic as JSON, one a line."""
-    from services import look
+    from services.console import look
 
     raise typer.Exit(look.echo(topic, profile, count, replay=replay))
 
@@ -121,7 +121,7 @@ def hz(
     replay: cli_sessions.Replay = False,
 ) -> None:
     """The rate at which topics arrive, beside the table's; all of them by default."""
-    from services import look
+    from services.console import look
 
     raise typer.Exit(look.hz(topics or [], profile, seconds, replay=replay))
 
@@ -129,7 +129,7 @@ def hz(
 @app.command()
 def status(profile: Profile = "demo") -> None:
     """Who is there, how they are, and what limits the system now."""
-    from services import look
+    from services.console import look
 
     raise typer.Exit(look.status(profile))
 
@@ -140,7 +140,7 @@ def explain(
     out: Annotated[Path | None, typer.Option(help="where energy.png goes; beside the recording by default")] = None,
 ) -> None:
     """Where a session's energy went: V, its rate, and the balance at each port."""
-    from services import explain as explanation
+    from services.console import explain as explanation
 
     raise typer.Exit(explanation.explain(session, out))
 
@@ -197,7 +197,7 @@ def link(
     seconds: Annotated[float, typer.Option(help="over which it is measured")] = 2.0,
 ) -> None:
     """The radio between the hosts: round trip, clocks, loss and age of each topic."""
-    from services import link as radio
+    from services.console import link as radio
 
     raise typer.Exit(radio.link(profile, as_json=as_json, seconds=seconds))
 
@@ -208,7 +208,7 @@ def install(
     dry_run: Annotated[bool, typer.Option(help="only say what it would do")] = False,
 ) -> None:
     """Make this machine start its host's services at boot (systemd; needs root)."""
-    from services import install as installer
+    from services.console import install as installer
 
     raise typer.Exit(installer.install(profile, dry_run=dry_run))
 
@@ -222,9 +222,9 @@ app.add_typer(certs, name="certs")
 @certs.command("init")
 def certs_init() -> None:
     """Make the authority, in $CLEW_CERTS_DIR or ~/.config/clew/certs."""
-    from services import certs_cli
+    from services.console import cli_certs
 
-    raise typer.Exit(certs_cli.init())
+    raise typer.Exit(cli_certs.init())
 
 
 @certs.command("issue")
@@ -235,17 +235,17 @@ def certs_issue(
     days: float = 400.0,
 ) -> None:
     """Make a certificate for NAME, signed by the authority."""
-    from services import certs_cli
+    from services.console import cli_certs
 
-    raise typer.Exit(certs_cli.issue(name, role, address or [], days))
+    raise typer.Exit(cli_certs.issue(name, role, address or [], days))
 
 
 @certs.command("show")
 def certs_show() -> None:
     """Who has a certificate here, as what, until when, and what is wrong with it."""
-    from services import certs_cli
+    from services.console import cli_certs
 
-    raise typer.Exit(certs_cli.show())
+    raise typer.Exit(cli_certs.show())
 
 
 def main() -> None:

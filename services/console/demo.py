@@ -11,17 +11,17 @@ from rich.live import Live
 
 from schemas.safety import Action, Phase, SafetyState
 from schemas.topics import SAFETY_STATE
-from services import report
 from services.config import Config, ConfigError
-from services.operator import Operator, operator_node
-from services.panel import Watch, line, render
+from services.console import report
+from services.console.operator import Operator, operator_node
+from services.console.panel import Watch, line, render
+from services.console.start import Choice, bus_config, launch_all
 from services.recorder import figures, page, reading, summary
 from services.runtime.clock import MonotonicClock
 from services.runtime.launcher import ServiceDied
 from services.runtime.node import Node
 from services.runtime.readers import Latest
 from services.runtime.zenoh_bus import open_bus
-from services.start import Choice, bus_config, launch_all
 
 TIME_LIMIT_S = 130.0
 LIVE_HZ = 8.0

@@ -23,7 +23,7 @@ Replay = Annotated[bool, typer.Option("--replay", help="look into a replay, not 
 @app.command()
 def check(file: File) -> None:
     """Is a recording complete, and why not."""
-    from services import sessions
+    from services.console import sessions
 
     raise typer.Exit(sessions.check(file))
 
@@ -33,7 +33,7 @@ def recover(
     file: File, out: Annotated[Path | None, typer.Option(help="where to write what could be saved")] = None
 ) -> None:
     """Save what a power cut or a kill left of a recording."""
-    from services import sessions
+    from services.console import sessions
 
     raise typer.Exit(sessions.save(file, out))
 
@@ -45,7 +45,7 @@ def replay(
     start: Annotated[float, typer.Option(help="s into the session")] = 0.0,
 ) -> None:
     """Say a recording again, on a bus of its own; never beside a vehicle."""
-    from services import replay
+    from services.console import replay
 
     raise typer.Exit(replay.command(file, speed, start))
 
@@ -82,7 +82,7 @@ def report(
     figures: Annotated[Path | None, typer.Option(help="where to draw the paper's figures too, as PNG and PDF")] = None,
 ) -> None:
     """One page with everything about a session, or several compared."""
-    from services import sessions
+    from services.console import sessions
 
     raise typer.Exit(sessions.report(files, out, figures))
 
@@ -90,7 +90,7 @@ def report(
 @app.command()
 def sessions(folder: Annotated[Path, typer.Argument(help="where session folders are")] = Path("sessions")) -> None:
     """What has been recorded, a line for each session."""
-    from services import sessions
+    from services.console import sessions
 
     raise typer.Exit(sessions.overview(folder))
 
@@ -98,7 +98,7 @@ def sessions(folder: Annotated[Path, typer.Argument(help="where session folders 
 @app.command()
 def note(text: str, profile: Profile = "demo") -> None:
     """Write a remark into the recording that runs."""
-    from services import sessions
+    from services.console import sessions
 
     raise typer.Exit(sessions.note(text, profile))
 
@@ -113,6 +113,6 @@ def rerun(
     figure: Annotated[Path | None, typer.Option(help="where to draw what differs")] = None,
 ) -> None:
     """Run services again on what they heard: the same bytes, or the first message that differs."""
-    from services import rerun
+    from services.console import rerun
 
     raise typer.Exit(rerun.command(file, service or [], set_ or [], figure))

@@ -15,7 +15,8 @@ from rich.table import Table
 from schemas.note import OperatorNote
 from schemas.topics import BY_KEY, NOTE
 from services.config import ConfigError, load, told_in
-from services.operator import operator_node
+from services.console.operator import operator_node
+from services.console.start import clock_of, observer_bus
 from services.recorder.figures import draw_all
 from services.recorder.inspection import Findings, inspect
 from services.recorder.page import write_page
@@ -23,7 +24,6 @@ from services.recorder.reading import Session
 from services.recorder.recovery import recover
 from services.runtime.zenoh_bus import open_bus
 from services.session_files import FILE, complain, session_file
-from services.start import clock_of, observer_bus
 
 WIDE = 200
 _LINK_S = 0.3  # until a new session's links carry what it says, and until they have carried it

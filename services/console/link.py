@@ -13,7 +13,7 @@ from rich.table import Table
 from schemas.message import Message
 from schemas.radio import RadioClock
 from schemas.topics import HEALTH, RADIO_CLOCK, TOPICS, Topic
-from services.look import with_node
+from services.console.look import with_node
 from services.runtime.node import Node
 from services.runtime.zenoh_bus import ZenohBus
 

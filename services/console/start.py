@@ -121,7 +121,7 @@ async def launch_all(config: Config, timeout_s: float = 30.0) -> AsyncGenerator[
     folder = Path(config.session_dir)
     resolved = folder / "config.json"
     resolved.write_text(config.model_dump_json(indent=1))
-    command = [sys.executable, "-P", "-m", "services.cli", "run", "--profile", str(resolved)]
+    command = [sys.executable, "-P", "-m", "services.console.cli", "run", "--profile", str(resolved)]
     commands = {name: [*command, name] for name in config.system.services}
     async with launch(commands, bus_config(config), folder / "logs", timeout_s) as launched:
         yield launched
