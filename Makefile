@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test test-faults check bench figures lock clean
+.PHONY: demo test test-faults test-net check bench bench-px4 bench-net figures golden lock clean
 
 demo: .venv/.ready
 	$(BIN)/clew demo
@@ -12,7 +12,11 @@ test: .venv/.ready
 
 # Real processes killed, stopped, starved, in real time: about 6 minutes on a machine that does nothing else.
 test-faults: .venv/.ready
-	$(BIN)/python -m pytest -m processes tests/processes
+	$(BIN)/python -m pytest -m faults tests
+
+# Needs root: two network namespaces with a bad radio between them.
+test-net: .venv/.ready
+	$(BIN)/python -m pytest -m net tests/net
 
 check: .venv/.ready
 	$(BIN)/ruff check .
@@ -22,8 +26,20 @@ check: .venv/.ready
 bench: .venv/.ready
 	$(BIN)/python -m benchmarks
 
+# On real PX4 in software; PX4_BIN is its program.
+bench-px4: .venv/.ready
+	$(BIN)/python -m benchmarks.px4
+
+# Needs root, and the machine to itself.
+bench-net: .venv/.ready
+	$(BIN)/python -m benchmarks.net
+
 figures: .venv/.ready
 	$(BIN)/python -m benchmarks.figures
+
+# After a change of behaviour that is meant: what the virtual flight looks like from now on.
+golden: .venv/.ready
+	$(BIN)/python -m tests.services.golden
 
 .venv/.ready: requirements.lock pyproject.toml
 	$(PYTHON) -m venv .venv

@@ -6,7 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from benchmarks import flight_demo, hop, kilohertz, timers
+from benchmarks import flight_demo, hop, kilohertz, recordings, timers
 from benchmarks.table import show
 
 
@@ -31,6 +31,11 @@ def main() -> None:
         ("One hop at 1 kHz, pydantic at both ends, beside bare Zenoh bytes", lambda: show(hop.run(), hop.COLUMNS)),
         ("A 1 kHz loop beside a bare timerfd", lambda: show(timers.run(), timers.COLUMNS)),
         ("Observer and filter at the paper's IMU rate", lambda: show(kilohertz.run(), kilohertz.COLUMNS)),
+        (
+            "A campaign's crowd beside one person at a time",
+            lambda: subprocess.run([sys.executable, "-m", "benchmarks.campaign"], check=True),
+        ),
+        ("Recordings: written, read, reported, run again", recordings.run),
         ("MAVLink, both ends", lambda: subprocess.run([sys.executable, "-m", "benchmarks.mavlink"], check=True)),
     ):
         print(f"\n## {title}\n{machine()}\n", flush=True)

@@ -33,8 +33,8 @@ from schemas.topics import (
 )
 from schemas.tracking import HandleSource, HandleState
 from schemas.vehicle import FlightMode, Setpoint, SetpointKind, ThrustSource, VehicleImu, VehicleState
+from services.config import load
 from services.recorder.service import record
-from services.recorder.writer import Recorder
 from services.runtime.bus_config import BusConfig
 from services.runtime.clock import MonotonicClock
 from services.runtime.node import Node, used
@@ -196,7 +196,7 @@ async def _idle(bus: ZenohBus, count: list[int], run_dir: str) -> None:
 
 async def _record(bus: ZenohBus, count: list[int], run_dir: str) -> None:
     node, file = Node("recorder", bus, MonotonicClock()), Path(run_dir, "session.mcap")
-    params = Recorder(flush_period_s=0.2, chunk_bytes=65_536)
+    params = load("demo").recorder
     await record(node, bus, file=file, params=params, metadata={}, attachments={})
 
 

@@ -19,9 +19,14 @@ def main() -> None:
     DOCS.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
         summary = fly(Path(folder), seed=1)
-        for name in ("path.png", "time.png"):
-            shutil.copy(summary["folder"] / name, DOCS / name)
-    subprocess.run([sys.executable, "-m", "benchmarks.stability_map", "--out", str(DOCS)], check=True)
+        shots = [summary["folder"] / name for name in ("path.png", "time.png")]
+        subprocess.run([sys.executable, "-m", "services.console.cli", "map", "--out", folder], check=True)
+        for file in (*shots, Path(folder) / "stability_map.png"):
+            shutil.copy(file, DOCS / file.name)
+        out = Path(folder) / "campaign"
+        subprocess.run([sys.executable, "-m", "services.console.cli", "campaign", "--out", str(out)], check=True)
+        shutil.copy(out / "walks.png", DOCS / "campaign.png")
+    subprocess.run([sys.executable, "-m", "benchmarks.campaign", "--out", str(DOCS)], check=True)
     print("\n".join(str(file.relative_to(DOCS.parent.parent)) for file in sorted(DOCS.glob("*.png"))))
 
 

@@ -35,9 +35,10 @@ CPU_COLUMNS = ("service", "cpu % of a core (median)", "loop Hz", "late p99 ms (w
 LATENCY_COLUMNS = ("handle sample -> set-point that contains it", "p50 ms", "p99 ms")
 
 
-def fly(out: Path, seed: int) -> dict[str, Any]:
+def fly(out: Path, seed: int, profile: str = "demo") -> dict[str, Any]:
     """One demo; its summary, with the session's folder under `folder`."""
-    command = [sys.executable, "-P", "-m", "services.cli", "demo", "--no-live", "--seed", str(seed), "--out", str(out)]
+    command = [sys.executable, "-P", "-m", "services.console.cli", "demo", "--profile", profile, "--no-live"]
+    command += ["--seed", str(seed), "--out", str(out)]
     ended = subprocess.run(command, capture_output=True, text=True, check=False)
     file = out / "latest" / "summary.json"
     if not file.exists():
@@ -93,10 +94,10 @@ def latency_rows(summary: dict[str, Any]) -> list[tuple[str, ...]]:
     return [(stage, f"{s['p50_ms']:.1f}", f"{s['p99_ms']:.1f}") for stage, s in summary["latency"].items()]
 
 
-def run(flights: int) -> None:
+def run(flights: int, profile: str = "demo") -> None:
     """Fly and print the three tables."""
     with tempfile.TemporaryDirectory() as folder:
-        summaries = [fly(Path(folder), seed + 1) for seed in range(flights)]
+        summaries = [fly(Path(folder), seed + 1, profile) for seed in range(flights)]
         show([row(n + 1, s) for n, s in enumerate(summaries)], COLUMNS)
         show(cpu_rows(summaries[-1]["folder"]), CPU_COLUMNS)
         show(latency_rows(summaries[-1]), LATENCY_COLUMNS)
@@ -105,4 +106,6 @@ def run(flights: int) -> None:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--flights", type=int, default=1)
-    run(parser.parse_args().flights)
+    parser.add_argument("--profile", default="demo")
+    told = parser.parse_args()
+    run(told.flights, told.profile)

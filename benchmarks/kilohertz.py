@@ -21,6 +21,7 @@ from schemas.safety import Level, Permit, Phase, SafetyState
 from schemas.topics import CABLE_FORCE, SAFETY_STATE, SETPOINT, VEHICLE_IMU
 from schemas.vehicle import FlightMode, ThrustSource
 from services.config import Config, load
+from services.console.start import bus_config
 from services.physics import GRAVITY_MPS2, Array
 from services.px4_bridge import service as bridge
 from services.px4_bridge.telemetry import ImuSample, VehicleSample
@@ -28,7 +29,6 @@ from services.runtime.clock import MonotonicClock
 from services.runtime.launcher import launch
 from services.runtime.node import Node
 from services.runtime.zenoh_bus import open_bus
-from services.start import bus_config
 
 COLUMNS = (
     "IMU",
@@ -126,7 +126,7 @@ def run(seconds: float = SECONDS) -> list[tuple[str, ...]]:
 
 
 async def _measure(config: Config, resolved: Path, rate_Hz: float, seconds: float) -> Probe:
-    command = [sys.executable, "-P", "-m", "services.cli", "run", "--profile", str(resolved), "force_estimator"]
+    command = [sys.executable, "-P", "-m", "services.console.cli", "run", "--profile", str(resolved), "force_estimator"]
     async with launch({"force_estimator": command}, bus_config(config), resolved.parent):
         with open_bus(bus_config(config), "px4_bridge") as bus:
             return await _fly(Node("px4_bridge", bus, MonotonicClock()), config, rate_Hz, seconds)

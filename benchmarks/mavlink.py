@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from benchmarks.flight import load
 from schemas.vehicle import ThrustSource
+from services.config import load_vehicle
 from services.physics import GRAVITY_MPS2
 from services.px4_bridge import telemetry
 from services.px4_bridge.vehicle import MavsdkVehicle
@@ -33,14 +33,14 @@ VEHICLE = telemetry.Vehicle(
     thrust_source=ThrustSource.ACTUATOR_OUTPUTS,
     max_thrust_N=15.7,
     motors=4,
-    actuator_min=0.0,
-    actuator_max=1.0,
+    actuator_min=1000.0,
+    actuator_max=2000.0,
     connection_timeout_s=3.0,
 )
 PARAMETERS = Autopilot(
     commander=Commander(check_period_s=0.02, loss_latency_s=0.3, proof_of_life_s=0.2),
     estimator=Estimator(bandwidth_rad_s=12.0, gate_m=0.2, rejection_s=1.5, dead_reckoning_s=4.7),
-    cascade=load("light").control,
+    cascade=load_vehicle("light").cascade,
     idle_thrust=0.1,
     landed_thrust=0.5,
     landed_after_s=1.0,

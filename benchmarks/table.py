@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from rich.table import Table
 
-from services.terminal import console
+from services.console.terminal import console
 
 
 def quantile_ms(values_ns: Sequence[int], q: float) -> float:

@@ -56,16 +56,23 @@ class Quaternion(Part):
         return np.array((self.w, self.x, self.y, self.z))
 
 
+TICK, MISSED = "tick", "tick.missed"
+"""Names in `inputs` beside the topics: which turn of the publisher's loop (from 1), and periods it came too late for."""
+
+
 class Message(Part):
     """Provenance and validity of everything on the bus.
 
     `seq` counts the publisher's messages of this topic from 1. `stamp_ns` is when the content was true at its source, on
-    the monotonic clock of the publisher's host. `inputs` names the seq of each message this one was computed from, by
-    topic; a topic that is absent was not used (or nothing of it had arrived).
+    the monotonic clock of the publisher's host; `said_ns` is that clock in the turn that published it, by which the age
+    of what it was computed from was judged. `inputs` names the seq of each message this one was computed from, by
+    topic; a topic that is absent was not used (or nothing of it had arrived). Of a topic whose every message counts, it
+    names the last. Together they are all that a service's next message depends on.
     """
 
     seq: int = Field(default=0, ge=0)
     stamp_ns: int = Field(default=0, ge=0)
+    said_ns: int = Field(default=0, ge=0)
     inputs: dict[str, int] = Field(default_factory=dict)
     valid: bool = True
     invalid_reason: str = ""

@@ -7,10 +7,13 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Generic, TypeVar
 
+from schemas.energy import EnergyBalance
 from schemas.estimation import CableForce
 from schemas.guidance import GuidanceCommand
 from schemas.health import Heartbeat
 from schemas.message import Message
+from schemas.note import OperatorNote
+from schemas.radio import RadioClock
 from schemas.safety import OperatorReply, OperatorRequest, SafetyState
 from schemas.simulation import Truth
 from schemas.tracking import HandleState, MocapFrame, RobotPose
@@ -40,6 +43,10 @@ class Topic(Generic[M_co]):
     stance: Stance
     logged: bool
     about: str
+    lifetime_s: float = float("inf")
+    """A command older than this when it arrives is refused and counted, not only stale."""
+    radio_Hz: float = 0.0
+    """As often at most it crosses the radio between two hosts; 0 as often as it is said."""
 
     @property
     def timeout_s(self) -> float:
@@ -55,7 +62,11 @@ SERVICES = (
     "px4_bridge",
     "simulator",
     "recorder",
+    "drone_gateway",
+    "ground_gateway",
 )
+GATEWAYS = {"drone": "drone_gateway", "ground": "ground_gateway"}
+"""Who owns the radio on each host of a system of two; a system on one host has none."""
 OPERATOR = "operator"  # a person's console, not a service
 
 # fmt: off
@@ -64,15 +75,18 @@ _S, _T, _C, _B = Stance.STREAM, Stance.STATE, Stance.COMMAND, Stance.BULK
 MOCAP_FRAME     = Topic("mocap/frame",       MocapFrame,      "simulator",          ("tracker",),                   60.0, _S, True, "rigid bodies as the simulated capture system sees them")
 HANDLE_STATE    = Topic("handle/state",      HandleState,     "tracker",            ("guiding_controller", "force_estimator", "safety_supervisor", "px4_bridge"), 60.0, _S, True, "p_H, v_H")
 ROBOT_POSE      = Topic("robot/pose",        RobotPose,       "tracker",            ("px4_bridge", "force_estimator", "safety_supervisor"), 60.0, _S, True, "pose for the autopilot's estimator")
-VEHICLE_IMU     = Topic("vehicle/imu",       VehicleImu,      "px4_bridge",         ("force_estimator",),          250.0, _S, True, "inertial sample, attitude, thrust")
+VEHICLE_IMU     = Topic("vehicle/imu",       VehicleImu,      "px4_bridge",         ("force_estimator",),          250.0, _S, True, "inertial sample, attitude, thrust", radio_Hz=25.0)
 VEHICLE_STATE   = Topic("vehicle/state",     VehicleState,    "px4_bridge",         ("guiding_controller", "safety_supervisor", "tracker"), 50.0, _S, True, "motion, mode, battery")
-CABLE_FORCE     = Topic("force/cable",       CableForce,      "force_estimator",    ("px4_bridge", "safety_supervisor", "tracker"), 250.0, _S, True, "f̂_c, bias, taut or slack")
-GUIDANCE        = Topic("guidance/command",  GuidanceCommand, "guiding_controller", ("px4_bridge", "safety_supervisor"), 100.0, _S, True, "p_R^d(s*), f^d(s*), s*")
+CABLE_FORCE     = Topic("force/cable",       CableForce,      "force_estimator",    ("px4_bridge", "safety_supervisor", "tracker"), 250.0, _S, True, "f̂_c, bias, taut or slack", radio_Hz=25.0)
+GUIDANCE        = Topic("guidance/command",  GuidanceCommand, "guiding_controller", ("px4_bridge", "safety_supervisor"), 100.0, _S, True, "p_R^d(s*), f^d(s*), s*", lifetime_s=0.1)
 SAFETY_STATE    = Topic("safety/state",      SafetyState,     "safety_supervisor",  ("px4_bridge", "guiding_controller", "force_estimator", "simulator"), 50.0, _T, True, "phase, level, permit, reasons")
-SETPOINT        = Topic("setpoint/sent",     Setpoint,        "px4_bridge",         ("safety_supervisor",),        125.0, _S, True, "what the autopilot was told")
-REQUEST         = Topic("@cmd/request",      OperatorRequest, OPERATOR,             ("safety_supervisor", "px4_bridge"),          0.0, _C, True, "a person's command")
+SETPOINT        = Topic("setpoint/sent",     Setpoint,        "px4_bridge",         ("safety_supervisor",),        125.0, _S, True, "what the autopilot was told", radio_Hz=25.0)
+ENERGY          = Topic("energy/balance",    EnergyBalance,   "px4_bridge",         ("safety_supervisor",),         50.0, _T, True, "energy through the filter's ports, and the tank")
+REQUEST         = Topic("@cmd/request",      OperatorRequest, OPERATOR,             ("safety_supervisor", "px4_bridge"), 0.0, _C, True, "a person's command", lifetime_s=1.0)
 REPLY           = Topic("safety/reply",      OperatorReply,   "safety_supervisor",  (OPERATOR,),                     0.0, _T, True, "the answer to it")
+NOTE            = Topic("operator/note",     OperatorNote,    OPERATOR,             (),                              0.0, _T, True, "a person's remark, for the recording")
 TRUTH           = Topic("sim/truth",         Truth,           "simulator",          (),                            100.0, _B, True, "the simulated world as it is")
+RADIO_CLOCK     = Topic("radio/clock",       RadioClock,      "drone_gateway",      tuple(name for name in (*SERVICES, OPERATOR) if name != "drone_gateway"), 2.0, _T, True, "how far the hosts' clocks are apart, and the link")
 HEALTH          = {name: Topic(f"health/{name}", Heartbeat,   name,                 (OPERATOR,),                     2.0, _B, True, f"the word of {name} about itself") for name in SERVICES}
 # fmt: on
 
@@ -86,9 +100,12 @@ TOPICS: tuple[Topic[Message], ...] = (
     GUIDANCE,
     SAFETY_STATE,
     SETPOINT,
+    ENERGY,
     REQUEST,
     REPLY,
+    NOTE,
     TRUTH,
+    RADIO_CLOCK,
     *HEALTH.values(),
 )
 BY_KEY = {topic.key: topic for topic in TOPICS}

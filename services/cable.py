@@ -14,7 +14,9 @@ broadcast over leading axes: vectors are (..., 3), lengths (...).
 import numpy as np
 
 from services.parameters import NonNegative, Positive, parameters
-from services.physics import Array, Scalar, at_least, choose, components, vector
+from services.physics import Array, Scalar, at_least, components, vector
+
+_TINY_M2 = 1e-30  # so that a cable of no length has no direction
 
 
 @parameters
@@ -30,24 +32,24 @@ def tension(length_m: Scalar, length_rate_mps: Scalar, p: Cable) -> Scalar:
     """t_c in N, (...): Hooke's law with damping while taut, 0 while slack; it never pushes."""
     stretch = length_m - p.rest_length_m
     pull = p.k_c_N_per_m * stretch + p.d_c_Ns_per_m * length_rate_mps
-    return choose(stretch > 0.0, at_least(pull, 0.0), 0.0)
+    return at_least(pull, 0.0) * (stretch > 0.0)
 
 
 def force(p_R: Array, p_H: Array, v_R: Array, v_H: Array, p: Cable) -> Array:
     """f_c on the handle in N, (..., 3); the robot feels -f_c."""
     x, y, z = components(p_R - p_H)
     v_x, v_y, v_z = components(v_R - v_H)
-    length = (x * x + y * y + z * z) ** 0.5
-    per_length = 1.0 / at_least(length, 1e-9)
-    rate = (x * v_x + y * v_y + z * v_z) * per_length  # E9: the paper prints ‖v_R - v_H‖
-    pull = tension(length, rate, p) * per_length
+    length = (x * x + y * y + z * z + _TINY_M2) ** 0.5
+    rate = (x * v_x + y * v_y + z * v_z) / length  # E9: the paper prints ‖v_R - v_H‖
+    pull = tension(length, rate, p) / length
     return vector(pull * x, pull * y, pull * z)
 
 
 def offset(f_c: Array, p: Cable) -> Array:
     """l_c of a resting cable that carries f_c ≠ 0: f_c (1/k_c + l̄/‖f_c‖), (..., 3) m (regulation)."""
-    norm = np.sqrt(np.sum(f_c * f_c, axis=-1, keepdims=True))
-    return f_c * (1.0 / p.k_c_N_per_m + p.rest_length_m / norm)
+    x, y, z = components(f_c)
+    per_N = 1.0 / p.k_c_N_per_m + p.rest_length_m / (x * x + y * y + z * z) ** 0.5
+    return vector(per_N * x, per_N * y, per_N * z)
 
 
 def hand(p_R: Array, f_c: Array, p: Cable) -> Array:

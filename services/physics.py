@@ -32,13 +32,16 @@ def components(v: Array) -> list[Scalar]:
 
 
 def vector(*components: Scalar) -> Array:
-    """The counterpart of `components`, (..., n)."""
+    """The counterpart of `components`, (..., n); a crowd's lie in memory component by component, to be taken apart."""
     if type(components[0]) is float is type(components[-1]):
         return np.array(components)
-    together = np.empty((*np.broadcast(*components).shape, len(components)))
-    for i, component in enumerate(components):
-        together[..., i] = component
-    return together
+    try:
+        together = np.array(components, dtype=np.float64)
+    except ValueError:  # not all of the same shape
+        together = np.empty((len(components), *np.broadcast(*components).shape))
+        for i, component in enumerate(components):
+            together[i] = component
+    return together.T if together.ndim == 2 else np.moveaxis(together, 0, -1)
 
 
 def scalar(x: Scalar) -> Scalar:
@@ -65,7 +68,7 @@ def clamp(x: Scalar, low: Scalar, high: Scalar) -> Scalar:
 
 def anywhere(flag: Scalar) -> bool:
     """Whether the flag holds for anybody."""
-    return flag if type(flag) is bool else bool(np.any(flag))
+    return flag if type(flag) is bool else bool(np.count_nonzero(flag))
 
 
 def angle(y: Scalar, x: Scalar) -> Scalar:
@@ -78,6 +81,11 @@ def cos_sin(angle_rad: Scalar) -> tuple[Scalar, Scalar]:
     if type(angle_rad) is float:
         return math.cos(angle_rad), math.sin(angle_rad)
     return np.cos(angle_rad), np.sin(angle_rad)
+
+
+def exp(x: Scalar) -> Scalar:
+    """e to the power of x."""
+    return math.exp(x) if type(x) is float else np.exp(x)
 
 
 def norm(v: Array) -> Array:

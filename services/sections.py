@@ -10,32 +10,25 @@ from services.px4_bridge.admittance import Admittance
 from services.px4_bridge.approach import Approach
 from services.px4_bridge.flight import Flight
 from services.px4_bridge.setpoint import Limits as SetpointLimits
+from services.px4_bridge.tank import Tank
 from services.px4_bridge.telemetry import Vehicle as Telemetry
 from services.px4_bridge.trust import Trust
 from services.safety_supervisor.distances import Envelope
 from services.safety_supervisor.held import Held
 from services.safety_supervisor.phases import Times
 from services.safety_supervisor.rules import Limits as SafetyLimits
+from services.simulator import flight
 from services.simulator.autopilot import Autopilot
-from services.simulator.cascade import Cascade
 from services.simulator.handle import Handle
 from services.simulator.human import Event, Human
-from services.simulator.imu import Imu, Mocap
-from services.simulator.quadrotor import Quadrotor
+from services.simulator.imu import Mocap
+from services.simulator.px4_sitl import Px4Sitl
 from services.simulator.subject import Subject
 from services.tracker.filtering import Filter
 
 GuidingController = Guiding
+Vehicle = flight.Vehicle
 PathTable = dict[str, Any]  # checked by guiding_controller/path_file.py
-
-
-@parameters
-class Vehicle:
-    """deploy/vehicles/*.toml: the body, the autopilot's control gains, the inertial sensor."""
-
-    quadrotor: Quadrotor
-    cascade: Cascade
-    imu: Imu
 
 
 @parameters
@@ -81,15 +74,17 @@ class Link:
 
 @parameters
 class Px4Bridge:
-    """The filter, the way to fly, and the link."""
+    """The filter, the way to fly, the link, and how the autopilot must be set: its parameters, by its own names."""
 
     flight: Flight
     admittance: Admittance
     approach: Approach
     limits: SetpointLimits
+    tank: Tank
     vehicle: Telemetry
     link: Link
     trust: Trust
+    px4: dict[str, int | float]
 
 
 @parameters
@@ -122,3 +117,5 @@ class Simulator:
     """Where the stand-in sends its MAVLink: host:port."""
     clear_of_start_m: NonNegative
     """Where the subject waits, behind the start of the path."""
+    px4_sitl: Px4Sitl | None = None
+    """Where a profile has this table, PX4 flies instead of the stand-in."""

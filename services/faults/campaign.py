@@ -19,10 +19,10 @@ from pathlib import Path
 from schemas.safety import Action, Phase
 from schemas.topics import SAFETY_STATE, TRUTH
 from services.faults import measure
-from services.faults.chain import Flight, Stage, fly
 from services.faults.fault import Fault, Moment
 from services.faults.measure import Result
-from services.faults.quick import quick_config
+from services.rehearsal.chain import Flight, Stage, fly
+from services.rehearsal.quick import quick_config
 
 IDLE_S, FLIGHT_LIMIT_S, NEVER = 1.0, 100.0, float("inf")
 Look = Callable[[Fault, Flight, float], None]

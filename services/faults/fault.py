@@ -6,7 +6,7 @@ from enum import StrEnum
 
 from schemas.safety import Phase
 from services.config import Config
-from services.faults.chain import Stage
+from services.rehearsal.chain import Stage
 from services.simulator.human import Event
 
 

@@ -11,9 +11,9 @@ from schemas.safety import Action, Level, Permit, Phase
 from schemas.simulation import Truth
 from schemas.topics import REQUEST, SAFETY_STATE, SETPOINT, TRUTH
 from schemas.vehicle import SetpointKind
-from services.faults.chain import Flight
 from services.faults.fault import Fault, Reaction
 from services.physics import norm
+from services.rehearsal.chain import Flight
 from services.simulator.commander import Mode
 
 Array = NDArray[np.float64]

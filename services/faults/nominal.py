@@ -12,8 +12,8 @@ import numpy as np
 from schemas.safety import Action, Level, Phase
 from schemas.topics import GUIDANCE, HANDLE_STATE, SAFETY_STATE
 from services.config import Config
-from services.faults.chain import Stage, fly
-from services.faults.quick import quick_config
+from services.rehearsal.chain import Stage, fly
+from services.rehearsal.quick import quick_config
 
 LIMIT_S = 120.0
 

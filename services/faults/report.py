@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 from rich.table import Table
 
-from services.faults.chain import Flight
 from services.faults.fault import Fault
 from services.faults.measure import CALM_N, FORCE_N, NEVER, TIP_M, Record, Result
 from services.physics import norm
+from services.rehearsal.chain import Flight
 
 BEGIN, END = "<!-- clew faults: begin -->", "<!-- clew faults: end -->"
 HEAD = (

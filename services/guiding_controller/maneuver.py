@@ -12,6 +12,8 @@ Source: the paper's maneuver and maneuver regulation, with E6: p_R^d follows fro
 
 from typing import NamedTuple
 
+import numpy as np
+
 from services import cable
 from services.guiding_controller.path import Path, Trapezoid
 from services.physics import Array, Scalar, choose, clamp, components, vector
@@ -43,6 +45,12 @@ def f_xy(s: Scalar, profile: Trapezoid) -> Scalar:
 def f_d(s: Scalar, path: Path, f_z_N: float) -> Array:
     """f^d(s), the cable force wanted on the handle in N, (..., 3)."""
     return _force(s, path.t_hat(s), path.force, f_z_N)
+
+
+def work(path: Path) -> float:
+    """Of f_xy along the whole path, in J: what the walk takes out of the guidance, whoever walks."""
+    s = np.linspace(0.0, 1.0, 1001)
+    return path.length_m * float(np.trapezoid(f_xy(s, path.force), s))
 
 
 def p_R_d(s: Scalar, path: Path, f_z_N: float, p: cable.Cable) -> Array:

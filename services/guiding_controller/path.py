@@ -12,7 +12,8 @@ The path lies in the plane z = Path.z_m, the height of the hand (the paper's z =
 (...) and p_H (..., 3).
 """
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,10 @@ from services.physics import Array, Row, Scalar, at_least, clamp, components, sc
 SAMPLES = 513
 GRID = np.linspace(0.0, 1.0, SAMPLES)
 SPACING = 1.0 / (SAMPLES - 1)
+FINE = np.linspace(0.0, 1.0, 4 * SAMPLES - 3)
+NEAR = 0.32
+NEWTON_STEPS = 8
+SETTLED = 1e-6  # of the whole path; the step after it is as its square
 
 
 @parameters
@@ -60,6 +65,7 @@ class Path:
     obstacles: tuple[Obstacle, ...]
     xy_of_u: Cubic
     u_of_s: Cubic
+    radius_min_m: float
 
     def p(self, s: ArrayLike) -> Array:
         """p_H^d(s) in m, (..., 3); s outside [0, 1] counts as the nearer end."""
@@ -87,7 +93,8 @@ class Path:
 
     def xy(self, s: ArrayLike) -> tuple[Row, Row]:
         """x and y in m with their first two derivatives by the spline's own parameter."""
-        ((u, _, _),) = self.u_of_s.at(clamp(scalar(np.asarray(s, dtype=np.float64)), 0.0, 1.0))
+        s = s if type(s) is float else scalar(np.asarray(s, dtype=np.float64))
+        (u,) = self.u_of_s.values(clamp(s, 0.0, 1.0))
         x, y = self.xy_of_u.at(clamp(u, 0.0, 1.0))
         return x, y
 
@@ -108,7 +115,7 @@ def through(
     xy: Any = CubicSpline(np.append(0.0, np.cumsum(chord)) / np.sum(chord), w, bc_type="not-a-knot")
     length_m, u_of_s = _by_arc_length(xy)
     samples = np.asarray(xy(u_of_s(GRID)))
-    return Path(
+    path = Path(
         name=name,
         waypoints_m=w,
         z_m=z_m,
@@ -118,7 +125,9 @@ def through(
         obstacles=obstacles,
         xy_of_u=Cubic(xy),
         u_of_s=Cubic(u_of_s),
+        radius_min_m=np.inf,
     )
+    return replace(path, radius_min_m=1.0 / max(float(np.max(np.abs(path.curvature(FINE)))), 1e-9))
 
 
 def project(p_H: Array, path: Path, s_guess: ArrayLike | None = None, window_m: float = 0.5) -> Scalar:
@@ -130,36 +139,75 @@ def project(p_H: Array, path: Path, s_guess: ArrayLike | None = None, window_m: 
     slow walk.
     """
     x, y, *_ = components(p_H)
-    d2 = np.subtract.outer(x, path.samples_m[:, 0]) ** 2 + np.subtract.outer(y, path.samples_m[:, 1]) ** 2
-    lo, hi = 0.0, 1.0
-    if s_guess is not None:
-        guess, reach = scalar(np.asarray(s_guess, dtype=np.float64)), window_m / path.length_m
-        lo, hi = at_least(guess - reach, 0.0), clamp(guess + reach, 0.0, 1.0)
-        d2 = np.where(np.less_equal.outer(lo, GRID) & np.greater_equal.outer(hi, GRID), d2, np.inf)
-    s = scalar(GRID[np.argmin(d2, axis=-1)])
-    lo, hi = at_least(s - SPACING, lo), clamp(s + SPACING, 0.0, hi)
-    for _ in range(2):  # samples are 8 mm apart on the reference path, and Newton squares the error
-        s = clamp(s + _newton_step(s, x, y, path), lo, hi)
+    if s_guess is None:
+        return _search(x, y, 0.0, 1.0, path)
+    guess, reach = scalar(np.asarray(s_guess, dtype=np.float64)), window_m / path.length_m
+    lo, hi = at_least(guess - reach, 0.0), clamp(guess + reach, 0.0, 1.0)
+    s, proven = _near(guess, x, y, lo, hi, path)
+    if type(proven) is bool:
+        return s if proven else _search(x, y, lo, hi, path)
+    if not proven.all():
+        s[~proven] = _search(x[~proven], y[~proven], lo[~proven], hi[~proven], path)
     return s
 
 
-def _newton_step(s: Scalar, x: Scalar, y: Scalar, path: Path) -> Scalar:
-    """-g/g' of g = (p - q)·t̂; near the centre of curvature, where g' vanishes, the caller's bracket holds the
-    step."""
+def _near(guess: Scalar, x: Scalar, y: Scalar, lo: Scalar, hi: Scalar, path: Path) -> tuple[Scalar, Scalar]:
+    """Newton from the guess, and whether what it found is the global minimum of the window.
+
+    It is, if the distance d there is short against the smallest radius of curvature R. Within an arc a of it the squared
+    distance is convex while d + a < R; and an arc longer than a = 2 R asin(d/R) has a chord longer than 2 d, so that
+    its far end is further from the hand than d (Schur's comparison theorem, for arcs up to π R). Both hold for
+    d < 0.32 R in a window shorter than π R.
+    """
+    s, settled, distance2 = guess, False, math.inf
+    for _ in range(NEWTON_STEPS):
+        step, distance2 = _newton_step(s, x, y, path)
+        before, s = s, clamp(s + step, lo, hi)
+        settled = abs(s - before) < SETTLED
+        if settled if type(settled) is bool else settled.all():
+            break
+    radius = path.radius_min_m / path.length_m
+    return s, settled & (hi - lo < math.pi * radius) & (distance2 < (NEAR * path.radius_min_m) ** 2)
+
+
+def _search(x: Scalar, y: Scalar, lo: Scalar, hi: Scalar, path: Path) -> Scalar:
+    """The nearest sample with lo <= s <= hi, then Newton inside its bracket."""
+    d2 = np.subtract.outer(x, path.samples_m[:, 0]) ** 2 + np.subtract.outer(y, path.samples_m[:, 1]) ** 2
+    d2 = np.where(np.less_equal.outer(lo, GRID) & np.greater_equal.outer(hi, GRID), d2, np.inf)
+    s = scalar(GRID[np.argmin(d2, axis=-1)])
+    lo, hi = at_least(s - SPACING, lo), clamp(s + SPACING, 0.0, hi)
+    for _ in range(2):  # samples are 8 mm apart on the reference path, and Newton squares the error
+        s = clamp(s + _newton_step(s, x, y, path)[0], lo, hi)
+    return s
+
+
+def _newton_step(s: Scalar, x: Scalar, y: Scalar, path: Path) -> tuple[Scalar, Scalar]:
+    """-g/g' of g = (p - q)·t̂, and the squared distance in m²; near the centre of curvature, where g' vanishes, the
+    caller's bracket holds the step."""
     (x_d, dx, ddx), (y_d, dy, ddy) = path.xy(s)
     r_x, r_y, speed2 = x_d - x, y_d - y, dx * dx + dy * dy
     g = (r_x * dx + r_y * dy) / speed2**0.5
     bend = (dx * ddy - dy * ddx) * (r_y * dx - r_x * dy)
-    return -g / at_least(1.0 + bend / speed2**2, 0.1) / path.length_m
+    step = -g / at_least(1.0 + bend / (speed2 * speed2), 0.1) / path.length_m
+    return step, r_x * r_x + r_y * r_y
 
 
 def _by_arc_length(xy: Any) -> tuple[float, Any]:
-    """Length in m and u(s): 5-point Gauss on 1000 pieces, then a Hermite spline with the exact slopes du/ds."""
+    """Length in m and u(s): 5-point Gauss on 1000 pieces, then a Hermite spline with the exact slopes du/ds.
+
+    The spline is made again on knots that are even in s, which are quicker to find one's place among.
+    """
     nodes, weights = np.polynomial.legendre.leggauss(5)
     u = np.linspace(0.0, 1.0, 1001)
     inner = u[:-1, None] + 0.5 * (nodes + 1.0) * u[1]
     speed = np.hypot(*np.moveaxis(np.asarray(xy(inner, 1)), -1, 0))
     arc = np.append(0.0, np.cumsum(speed @ weights) * 0.5 * u[1])
     length = float(arc[-1])
-    slope = length / np.hypot(*np.asarray(xy(u, 1)).T)
-    return length, CubicHermiteSpline(arc / length, u, slope)
+    even = np.linspace(0.0, 1.0, len(u))
+    u = np.clip(CubicHermiteSpline(arc / length, u, _slope(xy, u, length))(even), 0.0, 1.0)
+    return length, CubicHermiteSpline(even, u, _slope(xy, u, length))
+
+
+def _slope(xy: Any, u: Array, length_m: float) -> Array:
+    """du/ds."""
+    return length_m / np.hypot(*np.asarray(xy(u, 1)).T)

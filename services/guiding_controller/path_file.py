@@ -32,12 +32,13 @@ def check(path: Path) -> None:
     """Raise ValueError for a path that is too short, too sharp, crosses itself or comes back too near to itself."""
     if path.length_m < LENGTH_MIN_M:
         raise ValueError(f"waypoints_m: the path is {path.length_m:.3f} m long, at least {LENGTH_MIN_M} m are needed")
-    radius = 1.0 / max(float(np.max(np.abs(path.curvature(np.linspace(0.0, 1.0, 2001))))), 1e-9)
     crossing = _first_crossing(path.samples_m)
     if crossing is not None:
         raise ValueError(f"waypoints_m: the path crosses itself at {crossing[0]:.2f}, {crossing[1]:.2f} (x, y in m)")
-    if radius < RADIUS_MIN_M:
-        raise ValueError(f"waypoints_m: smallest radius of curvature {radius:.2f} m, at least {RADIUS_MIN_M} m")
+    if path.radius_min_m < RADIUS_MIN_M:
+        raise ValueError(
+            f"waypoints_m: smallest radius of curvature {path.radius_min_m:.2f} m, at least {RADIUS_MIN_M} m"
+        )
     nearest = _clearance(path)
     if nearest < CLEARANCE_MIN_M:
         raise ValueError(

@@ -22,7 +22,7 @@ async def run(node: Node, config: Config) -> None:
         hand, robot, verdict = handle.value, vehicle.value, safety.value
         if hand is None or robot is None:
             node.status = f"waiting for {HANDLE_STATE.key if hand is None else VEHICLE_STATE.key}"
-            out.publish(_nothing(path, node.status))
+            out.publish(_nothing(path, node.status, used(handle, vehicle, safety, tick=tick)))
             continue
         p_H, p_R = hand.position_m.array(), robot.position_m.array()
         guides = verdict is not None and verdict.permit is Permit.GUIDE
@@ -31,7 +31,7 @@ async def run(node: Node, config: Config) -> None:
         held = verdict is not None and verdict.held
         state, guidance = guiding.step(state, Input(p_H, p_R, held, guides), tick.dt_s, path, p, config.cable)
         node.status = "guiding" if guides and held else "standing by"
-        out.publish(_message(guidance, path, p_H, used(handle, vehicle, safety)))
+        out.publish(_message(guidance, path, p_H, used(handle, vehicle, safety, tick=tick)))
 
 
 def _message(guidance: Guidance, path: Path, p_H: Array, inputs: dict[str, int]) -> GuidanceCommand:
@@ -49,9 +49,10 @@ def _message(guidance: Guidance, path: Path, p_H: Array, inputs: dict[str, int])
     )
 
 
-def _nothing(path: Path, why: str) -> GuidanceCommand:
+def _nothing(path: Path, why: str, inputs: dict[str, int]) -> GuidanceCommand:
     zero = Vec3()
     return GuidanceCommand(
+        inputs=inputs,
         valid=False,
         invalid_reason=why,
         s=0.0,

@@ -20,13 +20,26 @@ Broadcasts over leading axes.
 """
 
 import math
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from services.parameters import Positive, parameters
-from services.physics import Array, Components, Row, Scalar, at_least, choose, clamp, components, scalar, vector
+from services.physics import (
+    Array,
+    Components,
+    Row,
+    Scalar,
+    anywhere,
+    at_least,
+    choose,
+    clamp,
+    components,
+    scalar,
+    vector,
+)
 
 LONG_S = 1e3
 RATIO_MIN, RATIO_MAX = 0.9, 2.0
@@ -119,7 +132,12 @@ def literal(u_A: Array) -> Command:
 
 def u_A(p_ref: Array, c: Command, p: Admittance) -> Array:
     """u_A at reference `p_ref` in N, (..., 3)."""
-    return vector(*_u_A(components(p_ref), c, p)[0])
+    return vector(*Held(c, 0.0, p).u_A(components(p_ref))[0])
+
+
+def damping(state: State, c: Command, p: Admittance) -> Row:
+    """B_A by axes in N s/m, as it was in the step that led to `state`."""
+    return _by_axes(Held(c, 0.0, p), state.taut_s)
 
 
 def step(
@@ -130,19 +148,123 @@ def step(
     `slack`: the cable is slack by motion capture; then, and for `slack_keep_s` after, z is damped more (G7).
     `z_max_m`: the ceiling, hand plane + l̄ + 0.1 m; a reference that starts above it may sink but not rise.
     """
-    taut_s = choose(slack, 0.0, clamp(state.taut_s + dt, 0.0, LONG_S))
-    b, pull, before = _damping(taut_s, c, p), components(f_c), components(state.p)
-    u, k = _u_A(before, c, p)
-    xy, z = (_response(0.5 * b[i] / p.M_A_kg, k[i] / p.M_A_kg, dt) for i in (0, 2))
+    held = Held(c, dt, p)
+    moved = move(state, f_c, held, slack, z_max_m)
+    u, pull, v = held.u_A(components(moved.p))[0], components(f_c), components(moved.v)
+    b = _by_axes(held, moved.taut_s)
+    a = ((u_i - f - b_i * v_i) / p.M_A_kg for u_i, f, b_i, v_i in zip(u, pull, b, v, strict=True))
+    return State(moved.p, moved.v, vector(*a), moved.taut_s), vector(*u)
+
+
+Answer: TypeAlias = tuple[Scalar, Scalar, Scalar, Scalar]
+"""Of an axis to a force f held over dt: p moves by `moved f + gained v` and v becomes `pushed f + kept v`.
+
+In the order moved, gained, kept, pushed.
+"""
+
+
+class Held:
+    """A command held over steps of `dt`: all of the filter that does not depend on its state.
+
+    How an axis answers a force depends on whether the spring is saturated, hence
+    a constant force, and whether the axis is damped more. Each case is worked out when it first occurs and kept, so
+    that a crowd whose command stays for some steps pays once.
+    """
+
+    def __init__(self, c: Command, dt: Scalar, p: Admittance, before: "Held | None" = None) -> None:
+        """`before` is the command that was held until now, for the same `p`; what can be kept of it is kept."""
+        f_x, f_y, f_z = components(c.f_d)
+        self.dt, self.p = dt, p
+        self._p_d, self._f = components(c.p_d), (c.scale * f_x, c.scale * f_y, f_z)
+        self._k_xy, self._k_z, self._free = c.scale * c.k_xy, c.k_z, c.free
+        self._most_xy, self._most_z = self._k_xy * p.e_R_max_m, c.k_z * p.e_R_max_m
+        self._known: dict[tuple[bool, bool, bool], Answer] = {}
+        if before is not None and before._answers_as(self):
+            self._known = before._known
+
+    def _answers_as(self, other: "Held") -> bool:
+        alike = self.dt == other.dt and self._k_z == other._k_z and self._free == other._free
+        return alike and np.array_equal(self._k_xy, other._k_xy)
+
+    def u_A(self, p_ref: Components) -> tuple[Row, tuple[Scalar, Scalar]]:
+        """u_A at `p_ref` in N by axes, and whether the springs of the plane and of z are saturated."""
+        (x, y, z), (x_d, y_d, z_d), (f_x, f_y, f_z) = p_ref, self._p_d, self._f
+        e_x, e_y = x_d - x, y_d - y
+        along, flat = _spring((e_x * e_x + e_y * e_y) ** 0.5, self._most_xy, self.p)
+        if not self._k_z:
+            return (along * e_x + f_x, along * e_y + f_y, f_z), (flat, False)
+        up, upright = _spring(abs(z_d - z), self._most_z, self.p)
+        return (along * e_x + f_x, along * e_y + f_y, up * (z_d - z) + f_z), (flat, upright)
+
+    def damping(self, more: Scalar) -> Scalar:
+        """b in N s/m; `more` for z while the cable is slack."""
+        b = self.p.b_free_Ns_per_m if self._free else self.p.b_A_Ns_per_m
+        return choose(more, at_least(b, self.p.b_slack_Ns_per_m), b)
+
+    def xy(self, saturated: Scalar) -> Answer:
+        """Of x and of y."""
+        if type(saturated) is bool:
+            return self._case(False, saturated, False)
+        return _either(saturated, lambda: self._case(False, True, False), lambda: self._case(False, False, False))
+
+    def z(self, saturated: Scalar, damped: Scalar) -> Answer:
+        """Of z."""
+        if type(saturated) is bool and type(damped) is bool:
+            return self._case(True, saturated, damped)
+        return _either(
+            saturated,
+            lambda: _either(damped, lambda: self._case(True, True, True), lambda: self._case(True, True, False)),
+            lambda: _either(damped, lambda: self._case(True, False, True), lambda: self._case(True, False, False)),
+        )
+
+    def _case(self, up: bool, saturated: bool, damped: bool) -> Answer:
+        case, M_A = (up, saturated, damped), self.p.M_A_kg
+        if case not in self._known:
+            k = 0.0 if saturated else self._k_z if up else self._k_xy
+            moved, gained, kept = _response(0.5 * self.damping(damped) / M_A, k / M_A, self.dt)
+            self._known[case] = moved / M_A, gained, kept, gained / M_A
+        return self._known[case]
+
+
+class Moved(NamedTuple):
+    """A State without its acceleration."""
+
+    p: Array
+    v: Array
+    taut_s: Scalar
+
+
+def move(state: State | Moved, f_c: Array, held: Held, slack: Scalar, z_max_m: Scalar) -> Moved:
+    """The motion of `step`, for whoever needs no acceleration."""
+    taut_s = choose(slack, 0.0, state.taut_s + held.dt)
+    before, (x, y, z) = components(state.p), components(f_c)
+    (u_x, u_y, u_z), (flat, upright) = held.u_A(before)
+    xy, up = held.xy(flat), held.z(upright, taut_s < held.p.slack_keep_s)
     position, velocity = list[Scalar](), list[Scalar]()
-    for (moved, gained, kept), x, v, u_i, f in zip((xy, xy, z), before, components(state.v), u, pull, strict=True):
-        a_0 = (u_i - f) / p.M_A_kg
-        position.append(x + gained * v + moved * a_0)
-        velocity.append(kept * v + gained * a_0)
-    position[2], velocity[2] = _under_ceiling(position[2], velocity[2], at_least(before[2], z_max_m))
-    u, _ = _u_A(position, c, p)
-    a = ((u_i - f - b_i * v) / p.M_A_kg for u_i, f, b_i, v in zip(u, pull, b, velocity, strict=True))
-    return State(vector(*position), vector(*velocity), vector(*a), taut_s), vector(*u)
+    for (moved, gained, kept, pushed), p_i, v, force in zip(
+        (xy, xy, up), before, components(state.v), (u_x - x, u_y - y, u_z - z), strict=True
+    ):
+        position.append(p_i + gained * v + moved * force)
+        velocity.append(kept * v + pushed * force)
+    position[2], velocity[2] = _under_ceiling(position[2], velocity[2], before[2], z_max_m)
+    return Moved(vector(*position), vector(*velocity), taut_s)
+
+
+def _either(flag: Scalar, if_so: Callable[[], Answer], if_not: Callable[[], Answer]) -> Answer:
+    """As `choose`, with only what is chosen by anybody worked out."""
+    if not anywhere(flag):
+        return if_not()
+    if type(flag) is bool:
+        return if_so()
+    yes_and_no = zip(if_so(), if_not(), strict=True)
+    moved, gained, kept, pushed = (choose(flag, yes, no) for yes, no in yes_and_no)
+    return moved, gained, kept, pushed
+
+
+def _by_axes(held: Held, taut_s: Scalar) -> Row:
+    """b in N s/m: z is damped more for a while after the cable was slack (G7)."""
+    b = held.damping(False)
+    return b, b, held.damping(taut_s < held.p.slack_keep_s)
 
 
 def _response(a: Scalar, w2: Scalar, dt: Scalar) -> Row:
@@ -164,29 +286,16 @@ def _decaying(decay: Scalar, z: Scalar) -> tuple[Scalar, Scalar]:
     return fade * choose(grows, np.cosh(r), np.cos(r)), fade * choose(grows, np.sinh(r), np.sin(r)) / r
 
 
-def _u_A(p_ref: Components, c: Command, p: Admittance) -> tuple[Row, Row]:
-    """u_A at `p_ref` in N and the stiffness behind it in N/m (0 where the spring is saturated), by axes."""
-    (x, y, z), (x_d, y_d, z_d), (f_x, f_y, f_z) = p_ref, components(c.p_d), components(c.f_d)
-    e_x, e_y, e_z = x_d - x, y_d - y, z_d - z
-    along, k_xy = _spring((e_x * e_x + e_y * e_y) ** 0.5, c.scale * c.k_xy, p)
-    up, k_z = _spring(abs(e_z), c.k_z, p)
-    return (along * e_x + c.scale * f_x, along * e_y + c.scale * f_y, up * e_z + f_z), (k_xy, k_xy, k_z)
+def _spring(length: Scalar, most_N: Scalar, p: Admittance) -> tuple[Scalar, Scalar]:
+    """Force per length in N/m of the spring whose force is at most `most_N`, and whether it is that."""
+    return most_N / at_least(length, p.e_R_max_m), length > p.e_R_max_m
 
 
-def _spring(length: Scalar, k: Scalar, p: Admittance) -> tuple[Scalar, Scalar]:
-    """Force per length of the saturated spring and its stiffness, both in N/m."""
-    over = at_least(length / p.e_R_max_m, 1.0)
-    return k / over, choose(over > 1.0, 0.0, k)
-
-
-def _damping(taut_s: Scalar, c: Command, p: Admittance) -> Row:
-    """b per axis in N s/m."""
-    b = p.b_free_Ns_per_m if c.free else p.b_A_Ns_per_m
-    return b, b, choose(taut_s < p.slack_keep_s, max(b, p.b_slack_Ns_per_m), b)
-
-
-def _under_ceiling(z: Scalar, v: Scalar, z_max: Scalar) -> tuple[Scalar, Scalar]:
-    """Stop a rise at `z_max`; what is taken is kinetic energy, so the filter stays passive."""
+def _under_ceiling(z: Scalar, v: Scalar, before: Scalar, z_max: Scalar) -> tuple[Scalar, Scalar]:
+    """Stop a rise above `z_max` from where it was `before`; what is taken is kinetic energy, so the filter stays passive."""
+    if not anywhere(z > z_max):
+        return z, v
+    z_max = at_least(before, z_max)
     risen = z > z_max
     return choose(risen, z_max, z), choose(risen, clamp(v, -np.inf, 0.0), v)
 

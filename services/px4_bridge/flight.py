@@ -5,7 +5,8 @@ three others the admittance filter moves it: anchored over the start (WAIT; once
 is taut), guided (GUIDE), or giving way without any pull (EASE). The change between them is bumpless: each starts from the last
 reference sent, and the fed-forward cable force is ramped (G9). Without a fresh cable force the filter cannot fly: then EASE
 stands like HOLD. Both let the cable hang slack and go along with a hand that walks on; all keep away from one that comes near
-(leash.py).
+(leash.py). All that guidance puts into the filter is paid for from a tank (tank.py), and the books of the filter's ports are
+kept (energy.py); neither says anything of position mode.
 
 | paper | here | unit | frame |
 |---|---|---|---|
@@ -22,13 +23,15 @@ import numpy as np
 from schemas.safety import Permit
 from schemas.vehicle import SetpointKind
 from services.parameters import NonNegative, Positive, parameters
-from services.physics import Array, Z, norm
-from services.px4_bridge import admittance, approach, leash
+from services.physics import Array, Row, Z, norm
+from services.px4_bridge import admittance, approach, energy, leash, tank
 from services.px4_bridge import setpoint as setpoints
 from services.px4_bridge.admittance import Admittance, Command
 from services.px4_bridge.approach import Approach
+from services.px4_bridge.energy import Balance
 from services.px4_bridge.leash import Hand
 from services.px4_bridge.setpoint import Limits, Setpoint
+from services.px4_bridge.tank import Tank
 
 SLACK = (SetpointKind.EASE, SetpointKind.HOLD)  # how the system backs off
 SLACK_N = 1.5  # a cable that pulls harder is taut, whatever the estimate errs by while the vehicle accelerates
@@ -47,6 +50,8 @@ class Flight:
     feed_forward_ramp_s: Positive
     feed_forward_drop_s: Positive
     """Where it stands with the cable slack, or without a fresh force."""
+    lead_s: NonNegative
+    """How much later than its set-point the vehicle's horizontal acceleration comes."""
     ease_slack_m: Positive
     """How far inside its rest length the cable hangs when the system has backed off."""
     hand_clear_m: Positive
@@ -57,6 +62,9 @@ class Flight:
     """Heading that the vehicle keeps, from x, anticlockwise."""
 
 
+_UNDAMPED = (0.0, 0.0, 0.0)
+
+
 class Params(NamedTuple):
     """All of the law's parameters."""
 
@@ -64,6 +72,7 @@ class Params(NamedTuple):
     admittance: Admittance
     approach: Approach
     limits: Limits
+    tank: Tank
 
 
 class Force(NamedTuple):
@@ -96,6 +105,14 @@ class Input(NamedTuple):
     """The hand, where motion capture sees the handle; None where it is only guessed."""
 
 
+class Port(NamedTuple):
+    """What the filter's ports have passed, what guidance may still spend, and B_A by axes in N s/m (0: no filter)."""
+
+    tank: tank.State
+    balance: Balance
+    damping: Row
+
+
 class State(NamedTuple):
     """The filter is the reference in every mode; `hold` is where height is kept while nobody holds the handle."""
 
@@ -106,6 +123,7 @@ class State(NamedTuple):
     feed_forward: float
     hold: Array
     u_A: Array
+    port: Port
 
 
 class Output(NamedTuple):
@@ -118,9 +136,10 @@ class Output(NamedTuple):
     feed_forward: float
 
 
-def initial(p_R: Array) -> State:
+def initial(p_R: Array, p: Params) -> State:
     """On the ground or in the air, at rest at `p_R` (3,) m."""
-    return State(SetpointKind.NONE, admittance.engage(p_R), p_R, np.zeros(3), 0.0, p_R, np.zeros(3))
+    port = Port(tank.charged(p.tank), Balance(), _UNDAMPED)
+    return State(SetpointKind.NONE, admittance.engage(p_R), p_R, np.zeros(3), 0.0, p_R, np.zeros(3), port)
 
 
 def step(state: State, x: Input, dt: float, p: Params) -> tuple[State, Output]:
@@ -133,10 +152,10 @@ def step(state: State, x: Input, dt: float, p: Params) -> tuple[State, Output]:
     )
     if kind in SLACK:
         state = state._replace(hold=_slackened(state.hold, x, p))
-    state = _filter(state, x, p) if complies else _approach(_felt_now(state, x), x, dt, p)
-    state = state if complies else _kept_clear(state, x, dt, p)
+    state = _filter(state, x, p) if complies else _without_filter(state, x, dt, p)
     state = state._replace(feed_forward=_fed_forward(state, complies, dt, p.flight))
-    sent = setpoints.setpoint(state.filter, state.f_hat, p.flight.m_R_kg, state.feed_forward, state.p_sent, p.limits)
+    reference = setpoints.ahead(state.filter, state.port.damping, p.admittance.M_A_kg, p.flight.lead_s)
+    sent = setpoints.setpoint(reference, state.f_hat, p.flight.m_R_kg, state.feed_forward, state.p_sent, p.limits)
     state = state._replace(p_sent=sent.p)
     return state, Output(kind, sent, state.filter.a, state.u_A, state.feed_forward)
 
@@ -159,14 +178,14 @@ def _kind(x: Input) -> SetpointKind:
 
 
 def _change(state: State, kind: SetpointKind, p: Params) -> State:
-    """The new way of flying begins at the reference that was flown last."""
-    reference = state.filter
+    """The new way of flying begins at the reference that was flown last; engaged from position mode, with a full tank."""
+    reference, port = state.filter, state.port
     if kind is SetpointKind.ADMITTANCE and state.kind in (SetpointKind.POSITION, SetpointKind.NONE):
-        reference = admittance.engage(reference.p)
+        reference, port = admittance.engage(reference.p), port._replace(tank=tank.charged(p.tank))
     hold = reference.p
     if kind in SLACK:  # from one of them to the other the cable is slack already
         hold = state.hold if state.kind in SLACK else hold - _slackening(state, p)
-    return state._replace(kind=kind, filter=reference, hold=hold)
+    return state._replace(kind=kind, filter=reference, hold=hold, port=port)
 
 
 def _slackening(state: State, p: Params) -> Array:
@@ -208,6 +227,13 @@ def _kept_clear(state: State, x: Input, dt: float, p: Params) -> State:
     return state._replace(filter=at)
 
 
+def _without_filter(state: State, x: Input, dt: float, p: Params) -> State:
+    """To the goal, or where it stands, clear of the hand; the books know that no filter did it."""
+    state = _kept_clear(_approach(_felt_now(state, x), x, dt, p), x, dt, p)
+    balance = energy.hand_over(state.port.balance, energy.kinetic(state.filter.v, p.admittance.M_A_kg))
+    return state._replace(port=state.port._replace(balance=balance, damping=_UNDAMPED))
+
+
 def _approach(state: State, x: Input, dt: float, p: Params) -> State:
     """Position mode, or a standstill where the filter is not to be asked or has nothing to go by."""
     goal, speed = (x.goal, x.speed_mps) if x.permit is Permit.POSITION else (state.hold, p.flight.follow_mps)
@@ -215,18 +241,26 @@ def _approach(state: State, x: Input, dt: float, p: Params) -> State:
     if state.kind in SLACK:  # led and pushed as well: what the approach brakes of that is no acceleration of its own
         a = np.zeros(3)
     moved = state.filter._replace(p=at.p, v=at.v, a=a)
-    return state._replace(filter=moved, u_A=np.zeros(3), hold=at.p if x.permit is Permit.POSITION else state.hold)
+    hold = at.p if x.permit is Permit.POSITION else state.hold
+    return state._replace(filter=moved, u_A=np.zeros(3), hold=hold)
 
 
 def _filter(state: State, x: Input, p: Params) -> State:
-    """The admittance filter, once for each force sample since the last tick."""
+    """The admittance filter behind its tank, once for each force sample since the last tick."""
     command, hold = _command(state, x, p)
     reference, u_A, f_hat = state.filter, state.u_A, state.f_hat
+    left, balance = state.port.tank, state.port.balance
     for force in x.forces:
         f_hat = force.f_c
-        felt, z_max_m = _felt(state._replace(filter=reference, f_hat=f_hat), x, p.flight)
-        reference, u_A = admittance.step(reference, felt, command, force.slack, force.dt_s, z_max_m, p.admittance)
-    return state._replace(filter=reference, u_A=u_A, f_hat=f_hat, hold=hold)
+        push, z_max_m = _pushed(state._replace(filter=reference, f_hat=f_hat), x, p.flight)
+        left, moved, u_A, through = tank.step(
+            left, reference, f_hat - push, command, force.slack, force.dt_s, z_max_m, p.admittance, p.tank
+        )
+        through = energy.apart(through, push, reference.p, moved.p)
+        balance = energy.add(balance, through, energy.kinetic(moved.v, p.admittance.M_A_kg))
+        reference = moved
+    port = Port(left, balance, admittance.damping(reference, command, p.admittance))
+    return state._replace(filter=reference, u_A=u_A, f_hat=f_hat, hold=hold, port=port)
 
 
 def _felt_now(state: State, x: Input) -> State:
@@ -234,12 +268,12 @@ def _felt_now(state: State, x: Input) -> State:
     return state._replace(f_hat=x.forces[-1].f_c) if x.forces else state
 
 
-def _felt(state: State, x: Input, p: Flight) -> tuple[Array, float]:
-    """What moves the filter in N: the cable's pull, less the push of a hand that is near; and the ceiling that it leaves."""
+def _pushed(state: State, x: Input, p: Flight) -> tuple[Array, float]:
+    """The push of a hand that is near on the filter, (3,) N, and the ceiling that it leaves."""
     if x.hand is None or not _may_be_near(state, x):
-        return state.f_hat, p.ceiling_m
+        return np.zeros(3), p.ceiling_m
     push = leash.push(state.filter.p, state.filter.v, x.hand, p.hand_clear_m)
-    return state.f_hat - push, max(p.ceiling_m, float(x.hand.p[2]) + p.hand_clear_m)
+    return push, max(p.ceiling_m, float(x.hand.p[2]) + p.hand_clear_m)
 
 
 def _command(state: State, x: Input, p: Params) -> tuple[Command, Array]:

@@ -43,9 +43,30 @@ def forgotten(phase: Phase, armed: bool, in_air: bool) -> bool:
     return armed and not in_air and phase is not Phase.TAKEOFF
 
 
-def streams(permit: Permit, phase: Phase, armed: bool, mode: FlightMode) -> bool:
-    """Whether set-points may leave: never without a permit, and no longer once the autopilot lands by itself."""
-    if permit is Permit.KILL:
+class Flown(Enum):
+    """What has become of the flight by set-points."""
+
+    NOT_YET = "not yet"
+    OFFBOARD = "offboard"
+    LEFT = "left"
+    """The autopilot went its own way; it would take new set-points up again without being asked."""
+
+
+def flown(before: Flown, permit: Permit, phase: Phase, armed: bool, mode: FlightMode) -> Flown:
+    """The same one tick later. Only a new take-off, disarmed, forgets that the autopilot has left."""
+    if not armed and permit is Permit.POSITION and phase is Phase.TAKEOFF:
+        return Flown.NOT_YET
+    if before is Flown.NOT_YET and armed and mode is FlightMode.OFFBOARD:
+        return Flown.OFFBOARD
+    return Flown.LEFT if before is Flown.OFFBOARD and mode is not FlightMode.OFFBOARD else before
+
+
+def streams(permit: Permit, phase: Phase, armed: bool, mode: FlightMode, so_far: Flown = Flown.NOT_YET) -> bool:
+    """Whether set-points may leave: never without a permit, and no longer once the autopilot flies or lands by itself.
+
+    PX4 shows offboard again for a moment when it has landed and disarms: the mode alone does not tell.
+    """
+    if so_far is Flown.LEFT or permit is Permit.KILL:
         return False
     if not armed:
         return permit is Permit.POSITION and phase is Phase.TAKEOFF

@@ -14,7 +14,7 @@ Broadcasts.
 from typing import NamedTuple
 
 from services.parameters import Positive, parameters
-from services.physics import Array, Components, Scalar, at_least, clamp, components, vector
+from services.physics import Array, Components, Row, Scalar, at_least, clamp, components, exp, vector
 from services.px4_bridge.admittance import State
 
 
@@ -35,6 +35,17 @@ class Setpoint(NamedTuple):
     v: Array
     a: Array
     limited: Scalar
+
+
+def ahead(state: State, b: Row, M_A_kg: Scalar, lead_s: Scalar) -> State:
+    """The filter with the u_R that it will have `lead_s` from now under the same force, springs left out: u_R exp(-b t / M_A).
+
+    So much later than a set-point does a vehicle's attitude follow it; without the lead a vehicle that is pulled runs on
+    before it brakes with the filter. Horizontal only: thrust does not wait for the attitude. `b` is B_A by axes in N s/m.
+    """
+    x, y, z = components(state.a)
+    fade_x, fade_y = (exp(-lead_s * b_i / M_A_kg) for b_i in b[:2])
+    return state._replace(a=vector(fade_x * x, fade_y * y, z))
 
 
 def setpoint(state: State, f_hat_c: Array, m_R_kg: float, ff: Scalar, p_last: Array, limits: Limits) -> Setpoint:

@@ -23,7 +23,6 @@ SET_MODE, TERMINATE, ARM, SET_INTERVAL = 176, 185, 400, 511
 MODE_NUMBERS = {FlightMode.OFFBOARD: (6, 0), FlightMode.HOLD: (4, 3), FlightMode.LAND: (4, 6)}
 RESULTS = {1: "temporarily rejected", 2: "denied", 3: "unsupported", 4: "failed", 6: "cancelled"}
 RATES_Hz = {  # message: number and rate, of which the ones that are listened to are asked for
-    "HEARTBEAT": (0, 10.0),
     "ATTITUDE_QUATERNION": (31, 250.0),
     "LOCAL_POSITION_NED": (32, 50.0),
     "ATTITUDE_TARGET": (83, 125.0),
@@ -31,7 +30,9 @@ RATES_Hz = {  # message: number and rate, of which the ones that are listened to
     "BATTERY_STATUS": (147, 1.0),
     "EXTENDED_SYS_STATE": (245, 10.0),
     "ACTUATOR_OUTPUT_STATUS": (375, 250.0),
+    "CURRENT_MODE": (436, 50.0),
 }
+DISPENSABLE = ("CURRENT_MODE",)  # PX4 before 1.15 has it not, and tells the mode by its heartbeat of 1 Hz alone
 _CUSTOM_MODE, _LOCAL_NED = 1, 1
 _COMPONENTS = ("x", "y", "z", "vx", "vy", "vz", "afx", "afy", "afz")  # in the order of the mask's bits
 _UNSET = np.full(3, np.nan)

@@ -119,13 +119,15 @@ class Telemetry:
         self._arrival_ns = 0
         self._armed, self._in_air, self._mode = False, False, FlightMode.OTHER
         self._battery_fraction = 0.0
-        self.heartbeats = 0
+        self.heartbeats, self.statuses = 0, 0
+        """How often it has been heard, and how often it has told its mode."""
         self.dropped = 0
         """Inertial samples that nobody fetched in time."""
         self.texts: deque[str] = deque(maxlen=QUEUE_LENGTH)
         """The autopilot's remarks, until somebody takes them."""
         self._takers = {
             "HEARTBEAT": self._take_heartbeat,
+            "CURRENT_MODE": self._take_mode,
             "EXTENDED_SYS_STATE": self._take_landed_state,
             "BATTERY_STATUS": self._take_battery,
             "STATUSTEXT": self._take_text,
@@ -189,9 +191,14 @@ class Telemetry:
                 )
 
     def _take_heartbeat(self, fields: Fields, _arrival_ns: int) -> None:
-        self._mode = _MODES.get(fields["custom_mode"], FlightMode.OTHER)
+        self._take_mode(fields, _arrival_ns)
         self._armed = bool(fields["base_mode"] & _ARMED)
         self.heartbeats += 1
+
+    def _take_mode(self, fields: Fields, _arrival_ns: int) -> None:
+        """A heartbeat comes once a second; where there is CURRENT_MODE it tells a change at once."""
+        self._mode = _MODES.get(fields["custom_mode"], FlightMode.OTHER)
+        self.statuses += 1
 
     def _take_landed_state(self, fields: Fields, _arrival_ns: int) -> None:
         self._in_air = fields["landed_state"] in _IN_AIR

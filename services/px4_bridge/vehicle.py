@@ -42,7 +42,7 @@ class MavsdkVehicle(Vehicle):
         self._now_ns, self._answer_s = now_ns, answer_s
         self._loop = asyncio.get_running_loop()
         self._telemetry = Telemetry(p)
-        self._imu_arrived, self._heartbeat = asyncio.Event(), asyncio.Event()
+        self._imu_arrived, self._status = asyncio.Event(), asyncio.Event()
         self._inbox: deque[tuple[str, str, int]] = deque()
         self._handing_over = False
         self._renewal: asyncio.Task[None] | None = None
@@ -162,12 +162,12 @@ class MavsdkVehicle(Vehicle):
             raise VehicleError(f"{what}: {telecommand.RESULTS.get(result, f'result {result}')} by the autopilot")
 
     async def _shown(self, what: str, is_so: Callable[[VehicleSample], bool]) -> None:
-        """Wait for a new heartbeat that shows it: acknowledged is not done."""
+        """Wait for a status that shows it: acknowledged is not done."""
         try:
             async with asyncio.timeout(self._answer_s):
                 while True:
-                    self._heartbeat.clear()
-                    await self._heartbeat.wait()
+                    self._status.clear()
+                    await self._status.wait()
                     if is_so(self.sample):
                         return
         except TimeoutError:
@@ -177,7 +177,12 @@ class MavsdkVehicle(Vehicle):
         for name, (number, rate_Hz) in telecommand.RATES_Hz.items():
             if name in self._telemetry.messages:
                 interval = telecommand.command(telecommand.SET_INTERVAL, number, 1e6 / rate_Hz)
-                await self._command(f"rate of {name}", interval)
+                try:
+                    await self._command(f"rate of {name}", interval)
+                except VehicleError as error:
+                    if name not in telecommand.DISPENSABLE:
+                        raise
+                    _log.warning("%s", error)
 
     async def _renew_rates(self) -> None:
         """After a silence, for an autopilot that has started anew has forgotten them."""
@@ -211,15 +216,16 @@ class MavsdkVehicle(Vehicle):
     def _take_inbox(self) -> None:
         self._handing_over = False
         heartbeats, was_connected = self._telemetry.heartbeats, self._telemetry.connected(self._now_ns())
+        statuses = self._telemetry.statuses
         while self._inbox:
             name, text, arrival_ns = self._inbox.popleft()
             self._telemetry.take(name, from_json(text, cache_strings="keys"), arrival_ns)
         if self._telemetry.has_imu:
             self._imu_arrived.set()
-        if self._telemetry.heartbeats > heartbeats:
-            self._heartbeat.set()
-            if heartbeats and not was_connected:
-                self._renewal = asyncio.create_task(self._renew_rates())
+        if self._telemetry.statuses > statuses:
+            self._status.set()
+        if self._telemetry.heartbeats > heartbeats > 0 and not was_connected:
+            self._renewal = asyncio.create_task(self._renew_rates())
 
 
 def _message(name: str, fields: Fields) -> MavlinkMessage:

@@ -30,7 +30,7 @@ def path_figure(session: Session) -> Figure:
     moved, path = motion(session), path_of(session)
     walking = moved.during(guided(session))
     if path is not None:
-        _draw_path(axes, path)
+        draw_path(axes, path)
     axes.plot(*moved.p_R[walking, :2].T, color=BLUE, linewidth=0.7, alpha=0.45, zorder=2)
     axes.plot(*moved.p_H[walking, :2].T, color=GREEN, linewidth=1.8, zorder=3)
     if path is not None and np.any(walking):
@@ -42,7 +42,8 @@ def path_figure(session: Session) -> Figure:
     return figure
 
 
-def _draw_path(axes: Axes, path: Path) -> None:
+def draw_path(axes: Axes, path: Path) -> None:
+    """The desired path of the hand, and the posts."""
     axes.plot(*path.p(np.linspace(0.0, 1.0, 301))[:, :2].T, color=BLACK, linestyle=(0, (4, 3)), linewidth=1.0, zorder=4)
     for post in path.obstacles:
         axes.add_patch(Circle((post.x_m, post.y_m), post.radius_m, facecolor="#d9d9d9", edgecolor=GREY, hatch="////"))

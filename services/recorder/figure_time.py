@@ -34,8 +34,8 @@ def time_figure(session: Session) -> Figure:
     _draw_force(force, session, moved)
     force.set(xlabel="time (s)", xlim=(0.0, max(session.duration_s, 1.0)))
     for panel in panels:
-        _shade(panel, session.phases)
-    _name_phases(error, session)
+        shade(panel, session.phases)
+    name_phases(error, session)
     figure.align_ylabels(panels)
     return figure
 
@@ -52,7 +52,7 @@ def _draw_error(axes: Axes, moved: Motion, path: Path | None, spans: list[Interv
     top = max(1.15 * float(np.max(norm(error[walking][:, :2]), initial=0.0)), 5.5)
     axes.set_ylim(-top, top)
     axes.axhline(5.0, color=GREY, linewidth=0.8, linestyle=(0, (1, 2)), label="5 cm")
-    _legend(axes)
+    legend(axes)
 
 
 def _draw_hand(axes: Axes, session: Session, moved: Motion) -> None:
@@ -69,7 +69,7 @@ def _draw_force(axes: Axes, session: Session, moved: Motion) -> None:
     if moved.from_truth:
         axes.plot(moved.t_s, moved.f_c, color=BLACK, linewidth=0.4, alpha=0.8)
         axes.plot([], [], color=BLACK, linewidth=0.4, label="true")
-        _legend(axes)
+        legend(axes)
     flown = [span for span in session.phases if span.phase in (Phase.READY, Phase.GUIDING, Phase.ARRIVED)]
     pull = seen["force_N"][within(seen["t_s"], flown)]
     if len(pull):  # on the ground the observer sees the floor, which would shrink all else
@@ -90,20 +90,22 @@ def _draw_vector(
             axes.plot(t_s, v[:, i], color=XYZ[name], label=name)
     if dashed:
         axes.plot([], [], color=colour or GREY, linestyle=DASHES, linewidth=0.9, label="desired")
-    _legend(axes)
+    legend(axes)
 
 
-def _legend(axes: Axes) -> None:
+def legend(axes: Axes) -> None:
+    """Beside the panel."""
     axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), handlelength=1.6)
 
 
-def _shade(axes: Axes, phases: list[Interval]) -> None:
+def shade(axes: Axes, phases: list[Interval]) -> None:
+    """Every other phase."""
     for i, (_, start_s, end_s) in enumerate(phases):
         if i % 2:
             axes.axvspan(start_s, end_s, color=SHADE, linewidth=0, zorder=0)
 
 
-def _name_phases(axes: Axes, session: Session) -> None:
+def name_phases(axes: Axes, session: Session) -> None:
     """Above the panel; names of short phases are moved apart, so that each can be read."""
     free_s = 0.0
     for phase, start_s, end_s in session.phases:

@@ -9,6 +9,7 @@ from typing import Any
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
+from services.recorder.figure_energy import energy_figure
 from services.recorder.figure_path import path_figure
 from services.recorder.figure_time import time_figure
 from services.recorder.figure_timing import timing_figure
@@ -17,10 +18,11 @@ from services.recorder.reading import Session
 FIGURES: dict[str, Callable[[Session], Figure]] = {
     "path.png": path_figure,
     "time.png": time_figure,
+    "energy.png": energy_figure,
     "timing.png": timing_figure,
 }
 
-_STYLE: dict[Any, Any] = {
+STYLE: dict[Any, Any] = {
     "font.size": 8,
     "axes.titlesize": 8,
     "axes.labelsize": 8,
@@ -41,11 +43,15 @@ _STYLE: dict[Any, Any] = {
 }
 
 
-def draw_all(session: Session, folder: Path) -> list[Path]:
+def draw_all(session: Session, folder: Path, suffix: str = ".png") -> list[Path]:
     """Write every figure into `folder`, whatever the recording holds; returns the files."""
+    return [draw(name, session, folder, suffix) for name in FIGURES]
+
+
+def draw(name: str, session: Session, folder: Path, suffix: str = ".png") -> Path:
+    """Write one of `FIGURES` into `folder`; returns the file."""
     folder.mkdir(parents=True, exist_ok=True)
-    files = [folder / name for name in FIGURES]
-    with rc_context(_STYLE):
-        for file, figure in zip(files, FIGURES.values(), strict=True):
-            figure(session).savefig(file)
-    return files
+    file = (folder / name).with_suffix(suffix)
+    with rc_context(STYLE):
+        FIGURES[name](session).savefig(file)
+    return file

@@ -15,7 +15,8 @@ def reactions(session: Session) -> dict[str, Array]:
     """Delays in s, (N,) each, for every handle sample that reached a set-point, over the first set-point it reached.
 
     One entry per stage, `tracker -> guiding_controller` and so on, named by who publishes, and `total`. A stage whose
-    earlier topic was not recorded is left out. Delays are between stamps: when the content was true at its source.
+    earlier topic was not recorded is left out. The first delay begins with the capture; each ends, and the next begins,
+    with the turn in which the service said its message.
     """
     chain = [topic for topic in CHAIN if len(session.table(topic)["t_s"])]
     if HANDLE_STATE not in chain or chain[-1] is not SETPOINT:
@@ -29,17 +30,28 @@ def reactions(session: Session) -> dict[str, Array]:
 
 
 def _first_reached(chain: list[Topic[Message]], session: Session) -> list[Array]:
-    """When each message of the chain was said, from the source on, one row per handle sample that came through."""
-    seq, times = session.table(SETPOINT)["seq"], [session.table(SETPOINT)["t_s"]]
+    """When each message of the chain was said, from the source on, one row per handle sample that came through.
+
+    Of the first topic: when its content was true.
+    """
+    seq, times = session.table(SETPOINT)["seq"], [said_s(session, SETPOINT)]
     row = np.arange(len(seq))
     handle_seq = seq
     for said, used in zip(reversed(chain), reversed(chain[:-1]), strict=False):
         wanted = _used(session, said, used)[row]
         row, found = _rows_with(session.table(used)["seq"], wanted)
-        row, times = row[found], [session.table(used)["t_s"][row[found]], *(t[found] for t in times)]
+        when = session.table(used)["t_s"] if used is chain[0] else said_s(session, used)
+        row, times = row[found], [when[row[found]], *(t[found] for t in times)]
         handle_seq = wanted[found] if used is HANDLE_STATE else handle_seq[found]
     _, first = np.unique(handle_seq, return_index=True)
     return [t[first] for t in times]
+
+
+def said_s(session: Session, topic: Topic[Message]) -> Array:
+    """When each message was said, s since the session's start; its stamp, where the recording is too old to tell."""
+    table = session.table(topic)
+    later_s = np.where(table["said_ns"] > 0, (table["said_ns"] - table["stamp_ns"]) * 1e-9, 0.0)
+    return table["t_s"] + later_s
 
 
 def _used(session: Session, said: Topic[Message], used: Topic[Message]) -> Array:

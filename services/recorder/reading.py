@@ -1,28 +1,28 @@
-"""A session read back, whether its recording was finished or cut off."""
+"""A session read back, whether its recording was finished or cut off: columns as numpy arrays, messages, phases.
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from io import BytesIO
+`Session(file).handle.position_m` reads that topic and no other; what was read is kept as arrays, never as the file.
+"""
+
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
 import numpy as np
-from mcap.records import Attachment, Channel, Chunk, Footer, McapRecord, Metadata
-from mcap.records import Message as Record
-from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
 from pydantic import ValidationError
-from zstandard import ZstdError
 
 from schemas.message import Message
 from schemas.safety import Phase
 from schemas.topics import BY_KEY, SAFETY_STATE, Topic
-from services.recorder.table import Row, Table, rows, table
+from services.recorder.columns import Columns
+from services.recorder.records import NotARecording, RecordFile
+from services.recorder.table import Table, rows, table_of
 from services.recorder.verdict import Count, Verdict
 
-M = TypeVar("M", bound=Message)
+__all__ = ["Columns", "Interval", "Log", "NotARecording", "Session", "read"]
 
-MAGIC = bytes((0x89, *b"MCAP0\r\n"))
-_FRAME = 9  # opcode and length of a record
+M = TypeVar("M", bound=Message)
 
 
 class Interval(NamedTuple):
@@ -40,51 +40,94 @@ class Log(NamedTuple):
     times_ns: list[int]
 
 
-@dataclass
 class Session:
-    """What a recording holds. `damage` says in words what could not be read, empty where all could."""
+    """What a recording holds; of one that was cut off, every whole chunk. A topic is read when it is asked for.
 
-    logs: Mapping[str, Log]
-    metadata: Mapping[str, Mapping[str, str]]
-    attachments: Mapping[str, bytes]
-    verdict: Verdict
-    damage: str
-    _tables: dict[str, Table] = field(default_factory=dict[str, Table])
+    A topic is an attribute by its key (`session.vehicle_imu`) or the first part of it where that is enough
+    (`session.handle`, `session.force`), with a column for each field; see columns.py.
+    A recording that was rotated is one session: give its first file.
 
-    @property
+    Raises:
+        NotARecording: a ValueError, where the file is not a recording at all.
+    """
+
+    def __init__(self, file: Path | str) -> None:
+        self.file = Path(file)
+        self.parts = [RecordFile(part) for part in parts_of(self.file)]
+        for part in self.parts:
+            _refuse_foreign(part)
+        self._tables: dict[str, Table] = {}
+        self.metadata: Mapping[str, Mapping[str, str]] = _merged(part.metadata for part in self.parts)
+        self.attachments: Mapping[str, bytes] = _merged(part.attachments for part in self.parts)
+
+    @cached_property
     def start_ns(self) -> int:
         """Wall-clock time of the earliest message; 0 where there is none."""
-        return min((min(log.times_ns) for log in self.logs.values() if log.times_ns), default=0)
+        return min((part.span_ns[0] for part in self.parts if part.span_ns[0]), default=0)
 
     @property
     def duration_s(self) -> float:
         """From the earliest to the latest message."""
-        last = max((max(log.times_ns) for log in self.logs.values() if log.times_ns), default=0)
-        return (last - self.start_ns) * 1e-9
+        return (max((part.span_ns[1] for part in self.parts), default=0) - self.start_ns) * 1e-9
+
+    @cached_property
+    def keys(self) -> list[str]:
+        """The topics that have a channel in the file, whether anything was said on them or not."""
+        return list(dict.fromkeys(key for part in self.parts for key in _keys(part).values()))
+
+    @cached_property
+    def logs(self) -> Mapping[str, Log]:
+        """Everything that was said, by topic: the whole recording in memory."""
+        return self.logs_of(self.keys)
+
+    def logs_of(self, keys: Iterable[str]) -> dict[str, Log]:
+        """What was said on some topics; those on which nothing was said are left out."""
+        logs: defaultdict[str, Log] = defaultdict(lambda: Log([], []))
+        wanted = set(keys)
+        for part in self.parts:
+            names = {channel: key for channel, key in _keys(part).items() if key in wanted}
+            for channel, _, log_ns, payload in part.messages(names):
+                log = logs[names[channel]]
+                log.payloads.append(payload)
+                log.times_ns.append(log_ns)
+        return dict(logs)
+
+    def prepare(self, *topics: Topic[Message] | str) -> None:
+        """Read the tables of several topics at once, which takes little longer than reading one."""
+        keys = {topic if isinstance(topic, str) else topic.key for topic in topics} - self._tables.keys()
+        logs = self.logs_of(keys) if keys else {}
+        for key in keys:
+            self._tables[key] = self._table(key, logs.pop(key, Log([], [])))
 
     def table(self, topic: Topic[Message] | str) -> Table:
         """The columns of a topic, see table.py, and `t_s`, s since the session's start; of length 0 where unheard."""
-        key = topic if isinstance(topic, str) else topic.key
-        if key not in self._tables:
-            self._tables[key] = self._read(key)
-        return self._tables[key]
+        self.prepare(topic)
+        return self._tables[topic if isinstance(topic, str) else topic.key]
 
-    def _read(self, key: str) -> Table:
-        log = self.logs.get(key, Log([], []))
+    def _table(self, key: str, log: Log) -> Table:
         t_s = (np.array(log.times_ns, np.int64) - self.start_ns) * 1e-9
         try:
-            return table(BY_KEY[key].type, rows(log.payloads)) | {"t_s": t_s}
+            return table_of(BY_KEY[key].type, log.payloads) | {"t_s": t_s}
         except (KeyError, TypeError, ValueError):  # something in it is JSON, but not of this type
             sound = [_is_a(BY_KEY[key].type, payload) for payload in log.payloads]
-            kept: list[Row] = rows([payload for payload, ok in zip(log.payloads, sound, strict=True) if ok])
-            return table(BY_KEY[key].type, kept) | {"t_s": t_s[sound]}
+            kept = [payload for payload, ok in zip(log.payloads, sound, strict=True) if ok]
+            return table_of(BY_KEY[key].type, kept) | {"t_s": t_s[sound]}
+
+    def __getattr__(self, name: str) -> Columns:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return Columns(self.table(_topic_named(name)), name)
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *_names()]
 
     def messages(self, topic: Topic[M]) -> list[M]:
         """The messages themselves.
 
         Raises pydantic.ValidationError where one is not of the topic's type.
         """
-        return [topic.type.model_validate_json(payload) for payload in self.logs.get(topic.key, Log([], [])).payloads]
+        log = self.logs_of([topic.key]).get(topic.key, Log([], []))
+        return [topic.type.model_validate_json(payload) for payload in log.payloads]
 
     @property
     def phases(self) -> list[Interval]:
@@ -95,6 +138,68 @@ class Session:
         ends = [*(float(t_s[i]) for i in starts[1:]), self.duration_s]
         return [Interval(Phase(phase[i]), float(t_s[i]), end) for i, end in zip(starts, ends, strict=bool(starts))]
 
+    @cached_property
+    def verdict(self) -> Verdict:
+        """The recorder's own, or, where the file was cut off, what can be counted."""
+        if self.parts[-1].finished and "clew.verdict" in self.metadata:
+            return Verdict.from_json(self.metadata["clew.verdict"]["json"])
+        return self.count()
+
+    def count(self) -> Verdict:
+        """What the file holds, counted anew."""
+        verdict = Verdict({key: Count() for key in self.keys})
+        for key, log in self.logs_of(self.keys).items():
+            for row, time_ns in zip(rows(log.payloads), log.times_ns, strict=True):
+                verdict.topics[key].heard(row["seq"], time_ns)
+        return verdict
+
+    @cached_property
+    def damage(self) -> str:
+        """What could not be read, in words; empty where all could. Looks at every chunk."""
+        for part in self.parts:
+            for _ in part.messages(()):
+                pass
+        cut = [
+            f"cut off: {part.bytes_left} bytes of an unfinished record at the end"
+            for part in self.parts
+            if not part.finished
+        ]
+        broken = sum(len(part.broken) for part in self.parts)
+        return "; ".join([*cut, *([f"{broken} damaged chunks left out"] if broken else [])])
+
+
+def read(file: Path) -> Session:
+    """Read a recording; see Session."""
+    return Session(file)
+
+
+def parts_of(file: Path) -> list[Path]:
+    """The file and those in which its recording went on, in order."""
+    parts = [file]
+    while (after := file.with_name(f"{file.stem}.{len(parts) + 1}{file.suffix}")).is_file():
+        parts.append(after)
+    return parts
+
+
+def _refuse_foreign(part: RecordFile) -> None:
+    keys = _keys(part).values()
+    if keys and "clew.session" not in part.metadata and not any(key in BY_KEY for key in keys):
+        made = " ".join(filter(None, (part.profile, part.library))) or "something else"
+        raise NotARecording(f"{part.file}: a recording of {made}, not of Clew: {', '.join(list(keys)[:3])}")
+
+
+def _keys(part: RecordFile) -> dict[int, str]:
+    """Topic of each channel."""
+    return {i: channel.metadata.get("key", channel.topic.removeprefix("/")) for i, channel in part.channels.items()}
+
+
+V = TypeVar("V")
+
+
+def _merged(each: Iterable[Mapping[str, V]]) -> dict[str, V]:
+    """Of all parts; a later one wins."""
+    return {name: value for mapping in each for name, value in mapping.items()}
+
 
 def _is_a(kind: type[Message], payload: bytes) -> bool:
     try:
@@ -104,87 +209,23 @@ def _is_a(kind: type[Message], payload: bytes) -> bool:
     return True
 
 
-def read(file: Path) -> Session:
-    """Read a recording; of one that was cut off, every whole chunk.
-
-    Raises ValueError where the file is not a recording at all.
-    """
-    data = file.read_bytes()
-    if not data.startswith(MAGIC):
-        raise ValueError(f"{file}: {len(data)} bytes that are not an MCAP file")
-    return _Reading().session(data)
-
-
-class _Reading:
-    """Gathers a file's records."""
-
-    def __init__(self) -> None:
-        self.channels: dict[int, str] = {}
-        self.logs: dict[str, Log] = {}
-        self.metadata: dict[str, Mapping[str, str]] = {}
-        self.attachments: dict[str, bytes] = {}
-        self.finished = False
-        self.broken_chunks = 0
-
-    def session(self, data: bytes) -> Session:
-        whole = _end_of_last_whole_record(data)
-        stream = BytesIO(data[:whole])
-        stream.seek(len(MAGIC))
-        records = StreamReader(stream, skip_magic=True, emit_chunks=True, record_size_limit=None).records
-        while stream.tell() < whole and not self.finished:
-            self._take(next(records))
-        return Session(self.logs, self.metadata, self.attachments, self._verdict(), self._damage(len(data) - whole))
-
-    def _take(self, record: McapRecord) -> None:
-        match record:
-            case Chunk():
-                self._take_chunk(record)
-            case Channel():
-                self.channels[record.id] = record.metadata.get("key", record.topic.removeprefix("/"))
-            case Record() if record.channel_id in self.channels:  # else the chunk that named it is damaged
-                log = self.logs.setdefault(self.channels[record.channel_id], Log([], []))
-                log.payloads.append(record.data)
-                log.times_ns.append(record.log_time)
-            case Metadata():
-                self.metadata[record.name] = record.metadata
-            case Attachment():
-                self.attachments[record.name] = record.data
-            case Footer():
-                self.finished = True
-            case _:
-                pass
-
-    def _take_chunk(self, chunk: Chunk) -> None:
-        try:
-            records = breakup_chunk(chunk, validate_crc=True)
-        except (CRCValidationError, ZstdError):
-            self.broken_chunks += 1
-            return
-        for record in records:
-            self._take(record)
-
-    def _verdict(self) -> Verdict:
-        """The recorder's own, or, where the file was cut off, what can be counted."""
-        if "clew.verdict" in self.metadata:
-            return Verdict.from_json(self.metadata["clew.verdict"]["json"])
-        verdict = Verdict({key: Count() for key in self.channels.values()})
-        for key, log in self.logs.items():
-            for row in rows(log.payloads):
-                verdict.topics[key].heard(row["seq"])
-        return verdict
-
-    def _damage(self, bytes_left: int) -> str:
-        cut = "" if self.finished else f"cut off: {bytes_left} bytes of an unfinished record at the end"
-        broken = f"{self.broken_chunks} damaged chunks left out" if self.broken_chunks else ""
-        return "; ".join(filter(None, (cut, broken)))
+def _names() -> dict[str, Sequence[str]]:
+    """Topics by the names that a Session gives them; several for the first part of more than one key."""
+    named: defaultdict[str, list[str]] = defaultdict(list)
+    for key in BY_KEY:
+        whole = key.removeprefix("@").replace("/", "_")
+        for name in {whole, whole.partition("_")[0]}:
+            named[name].append(key)
+    return dict(named)
 
 
-def _end_of_last_whole_record(data: bytes) -> int:
-    """Where the last record ends that is there in full (a footer ends with the closing magic)."""
-    end = len(MAGIC)
-    while end + _FRAME <= len(data):
-        after = end + _FRAME + int.from_bytes(data[end + 1 : end + _FRAME], "little")
-        if after > len(data):
-            break
-        end = after
-    return end
+def _topic_named(name: str) -> str:
+    keys = _names().get(name, [])
+    if len(keys) == 1:
+        return keys[0]
+    others = ", ".join(key.replace("/", "_") for key in keys) or ", ".join(_single(_names()))
+    raise AttributeError(f"no topic is called {name}: try {others}")
+
+
+def _single(names: Mapping[str, Sequence[str]]) -> Iterator[str]:
+    return (name for name, keys in names.items() if len(keys) == 1)

@@ -6,7 +6,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from schemas.safety import Phase
-from schemas.topics import CABLE_FORCE, HEALTH, SAFETY_STATE, SETPOINT, TRUTH, VEHICLE_STATE
+from schemas.topics import CABLE_FORCE, HEALTH, SAFETY_STATE, SETPOINT, TOPICS, TRUTH, VEHICLE_STATE
 from schemas.vehicle import SetpointKind
 from services.guiding_controller.path import Path
 from services.physics import Array, norm
@@ -120,6 +120,7 @@ GOOD = Limits()
 
 def summarise(session: Session, limits: Limits = GOOD) -> Summary:
     """All numbers of a recording, complete or not."""
+    session.prepare(*TOPICS)
     moved, path, spans = motion(session), path_of(session), guided(session)
     walking = moved.during(spans)
     error = _path_error(moved.p_H[walking], path)

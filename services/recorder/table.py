@@ -23,6 +23,20 @@ def rows(payloads: Sequence[bytes]) -> list[Row]:
     return from_json(b"[" + b",".join(payloads) + b"]")
 
 
+_BLOCK = 4096
+
+
+def table_of(message: type[Message], payloads: Sequence[bytes]) -> Table:
+    """As `table`, parsed in blocks, so that what is in memory is the columns and not the messages too."""
+    blocks = [table(message, rows(payloads[i : i + _BLOCK])) for i in range(0, len(payloads), _BLOCK)]
+    if len(blocks) < 2:
+        return blocks[0] if blocks else table(message, [])
+    names = dict.fromkeys(name for block in blocks for name in block)  # an input that one block has, others may lack
+    lacking = [np.zeros(len(block["seq"]), np.int64) for block in blocks]
+    pieces = ([block.get(name, zero) for block, zero in zip(blocks, lacking, strict=True)] for name in names)
+    return {name: np.concatenate(piece) for name, piece in zip(names, pieces, strict=True)}
+
+
 def table(message: type[Message], messages: Sequence[Row]) -> Table:
     """One array per field, first axis the messages.
 
@@ -38,12 +52,22 @@ def table(message: type[Message], messages: Sequence[Row]) -> Table:
 def _columns(part: type[Part], messages: Sequence[Row], prefix: str = "") -> Table:
     found: Table = {}
     for name, field in part.model_fields.items():
-        kind, values = field.annotation, [row[name] for row in messages]
+        kind = field.annotation
+        if field.is_required():
+            values = [row[name] for row in messages]
+        else:  # a recording may be older than the field
+            default = _plain(field.get_default(call_default_factory=True))
+            values = [row.get(name, default) for row in messages]
         if isinstance(kind, type) and issubclass(kind, Part) and kind not in _COMPONENTS:
             found |= _columns(kind, values, f"{prefix}{name}.")
         elif name != "inputs":
             found[prefix + name] = _column(kind, values)
     return found
+
+
+def _plain(value: Any) -> Any:
+    """As it stands in a parsed message."""
+    return value.model_dump() if isinstance(value, Part) else value
 
 
 def _column(kind: Any, values: list[Any]) -> Array:

@@ -5,7 +5,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Annotated, Self
 
-from annotated_types import Gt
+from annotated_types import Ge, Gt
 from mcap.writer import Writer
 from pydantic_core import from_json
 
@@ -15,6 +15,7 @@ from services.parameters import Positive, parameters
 from services.recorder.schema import schema_text
 from services.recorder.verdict import Count, Verdict
 from services.runtime.bus import MAX_PAYLOAD_bytes
+from services.runtime.hosts import Hosts
 
 _ANOTHER_CLOCK_NS = 5_000_000_000  # a stamp this far from its arrival was made by another host's clock
 
@@ -25,14 +26,21 @@ class Recorder:
 
     flush_period_s: Positive
     chunk_bytes: Annotated[int, Gt(0)]
+    rotate_bytes: Annotated[int, Gt(0)]
+    """A larger file is finished and the session goes on in a new one."""
+    rotate_s: Positive
+    """As `rotate_bytes`, by age."""
+    free_min_bytes: Annotated[int, Ge(0)]
+    """With less left on the disk the recording ends."""
 
 
 class SessionWriter:
     """Writes payloads as they came; of each it reads no more than seq and stamp.
 
     Stamps inside messages stay as they are, monotonic. In the file a message's time is its stamp plus `epoch_ns`, the
-    wall clock's lead over this host's monotonic clock; a publisher on another host gets a lead of its own, from the
-    first message that arrives. `metadata` and `attachments` come first in the file, so that a kill leaves them.
+    wall clock's lead over this host's monotonic clock; a publisher on another host gets a lead of its own, by the
+    comparison of the clocks (`hosts`), and until there is one from the first message that arrives. `metadata` and
+    `attachments` come first in the file, so that a kill leaves them.
     Raises FileExistsError rather than overwrite a recording.
     """
 
@@ -45,8 +53,13 @@ class SessionWriter:
         chunk_bytes: int,
         metadata: Mapping[str, str] | None = None,
         attachments: Mapping[str, bytes] | None = None,
+        verdict: Verdict | None = None,
+        hosts: Hosts | None = None,
     ) -> None:
-        self.verdict = Verdict({topic.key: Count() for topic in topics})
+        self._publisher = {topic.key: topic.publisher for topic in topics}
+        self._hosts = hosts or Hosts()
+        self._thinned = {topic.key for topic in topics if topic.radio_Hz and self._hosts.crosses(topic.publisher)}
+        self.verdict = verdict or Verdict({topic.key: Count() for topic in topics})
         self._leads_ns = [epoch_ns]
         self._lead_of = dict.fromkeys(self.verdict.topics, epoch_ns)
         file.parent.mkdir(parents=True, exist_ok=True)
@@ -72,8 +85,9 @@ class SessionWriter:
             count.malformed += 1
             return
         seq, stamp_ns = header
-        count.heard(seq)
-        time_ns = stamp_ns + self._lead_ns(key, stamp_ns, received_ns)
+        here_ns = self._hosts.here_ns(self._publisher[key], stamp_ns) if self._hosts.two else None
+        time_ns = here_ns + self._leads_ns[0] if here_ns else stamp_ns + self._lead_ns(key, stamp_ns, received_ns)
+        count.heard(seq, time_ns, thinned=key in self._thinned)
         self._writer.add_message(self._channel_of[key], time_ns, payload, time_ns, seq)
 
     def _lead_ns(self, key: str, stamp_ns: int, received_ns: int) -> int:
@@ -85,6 +99,11 @@ class SessionWriter:
             self._leads_ns = list(dict.fromkeys((*self._leads_ns, self._lead_of[key])))
         return self._lead_of[key]
 
+    @property
+    def size_bytes(self) -> int:
+        """Of the file so far."""
+        return self._stream.tell()
+
     def flush(self) -> None:
         """Hand everything to the operating system: from here on a kill cannot lose it."""
         self._writer.flush()
@@ -94,8 +113,15 @@ class SessionWriter:
         if self._stream.closed:
             return
         self.verdict.closed = True
+        leads = {key: str(lead - self._leads_ns[0]) for key, lead in self._lead_of.items() if lead != self._leads_ns[0]}
+        if leads:
+            self._writer.add_metadata("clew.clock.other_hosts_ns", leads)
         self._writer.add_metadata("clew.verdict", {"json": self.verdict.to_json()})
         self._writer.finish()
+        self._stream.close()
+
+    def abandon(self) -> None:
+        """Let go of a file that cannot be finished."""
         self._stream.close()
 
     def __enter__(self) -> Self:

@@ -4,21 +4,33 @@ import fcntl
 import os
 from collections.abc import Generator
 from contextlib import contextmanager
+from dataclasses import field
 from pathlib import Path
+from typing import Any
 
 from services.parameters import parameters
+from services.runtime.hosts import Placement
 
 _SOCKET_PATH_MAX_bytes = 107  # sun_path holds 108 with the final zero
 
 
 @parameters
 class BusConfig:
-    """One system (a drone with its ground station) on one host. `endpoints` are Zenoh's, beyond the host: a gateway."""
+    """One system (a drone with its ground station) on one host, as one process sees it.
+
+    `endpoints` and `listen` are Zenoh's, beyond the host, and `settings` what else this process's session needs to own
+    a radio link or to come in over one (gateway/session.py).
+    """
 
     system: str
     run_dir: str
     services: tuple[str, ...]
     endpoints: tuple[str, ...] = ()
+    listen: tuple[str, ...] = ()
+    settings: dict[str, Any] = field(default_factory=dict[str, Any])
+    log_levels: str = ""
+    """What Zenoh shall say on standard output."""
+    placement: Placement = Placement()
 
     @property
     def prefix(self) -> str:

@@ -6,8 +6,9 @@ import time
 from collections.abc import Callable, Mapping
 
 from schemas.health import Heartbeat
-from services.runtime.clock import Clock
+from services.runtime import watchdog
 from services.runtime.ticker import LoopStats
+from services.runtime.turn import Turn
 from services.runtime.virtual import VirtualLoop
 
 PERIOD_s = 0.5
@@ -16,10 +17,10 @@ PERIOD_s = 0.5
 class Heart:
     """Beats twice a second from within the turns of the loop, and from streams that wait for their next message."""
 
-    def __init__(self, clock: Clock, publish: Callable[[], None] | None) -> None:
+    def __init__(self, turn: Turn, publish: Callable[[], None] | None) -> None:
         self.stats = LoopStats()
         self.sleepers: list[Callable[[], None]] = []
-        self._clock = clock
+        self._turn = turn
         self._publish = publish
         self._due_ns = 0
         self._armed = False
@@ -33,10 +34,11 @@ class Heart:
         """Publish if it is time."""
         if self._publish is None:
             return
-        now_ns = self._clock.now_ns()
+        now_ns = self._turn.now_ns()
         if now_ns >= self._due_ns:
             self._due_ns = now_ns + round(PERIOD_s * 1e9)
             self._publish()
+            watchdog.feed()
 
     def wake_later(self) -> None:
         """Wake the waiting streams for the next beat; without a publisher nobody has to wake."""
@@ -53,9 +55,9 @@ class Heart:
 class Report:
     """Composes heartbeats. On virtual time the host's figures are 0, so that two equal runs say the same."""
 
-    def __init__(self, name: str, clock: Clock) -> None:
+    def __init__(self, name: str, turn: Turn) -> None:
         self._name = name
-        self._clock = clock
+        self._turn = turn
         self._last = (0, 0, 0)
 
     def heartbeat(
@@ -63,7 +65,7 @@ class Report:
     ) -> Heartbeat:
         """The word of the service about itself, since the last one where it is a rate."""
         virtual = isinstance(asyncio.get_running_loop(), VirtualLoop)
-        now = (self._clock.now_ns(), stats.turns, 0 if virtual else time.process_time_ns())
+        now = (self._turn.now_ns(), stats.turns, 0 if virtual else time.process_time_ns())
         wall_ns, turns, cpu_ns = (new - old for new, old in zip(now, self._last, strict=True))
         first = not self._last[0]
         self._last = now

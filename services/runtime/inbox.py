@@ -1,13 +1,13 @@
 """The border where bytes become messages: one inbox for each topic that a node reads, each payload decoded once."""
 
-import asyncio
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
 from schemas.message import Message
 from schemas.topics import Topic
 from services.runtime.bus import Bus, Mailbox, MAX_PAYLOAD_bytes
-from services.runtime.clock import Clock
+from services.runtime.hosts import Hosts
+from services.runtime.turn import Turn
 
 M = TypeVar("M", bound=Message)
 
@@ -21,10 +21,16 @@ class Inbox(Generic[M]):
     It looks into the bus's mailbox when it is read, once in each turn of the loop; `wake` makes the bus call instead.
     """
 
-    def __init__(self, topic: Topic[M], bus: Bus, clock: Clock, reject: Callable[[str, str], None]) -> None:
+    def __init__(
+        self, topic: Topic[M], bus: Bus, turn: Turn, reject: Callable[[str, str], None], hosts: Hosts | None = None
+    ) -> None:
         self.topic = topic
-        self.clock = clock
+        self.turn = turn
+        self.hosts = hosts or Hosts()
         self.message: M | None = None
+        """As it was said: stamped by its publisher's clock."""
+        self.obeys = True
+        """Whether its reader acts on commands; who only watches may look rarely, and sees them old."""
         self.received_ns = 0
         self.received = 0
         self.restarts = 0
@@ -32,7 +38,7 @@ class Inbox(Generic[M]):
         self.reject = reject
         self._bus = bus
         self._mailbox: Mailbox | None = None
-        self._looked = False
+        self._looked = -1
         self._wakes = False
 
     def listen(self) -> None:
@@ -42,15 +48,12 @@ class Inbox(Generic[M]):
 
     def look(self) -> None:
         """Take what has arrived; nothing more until the loop's next turn."""
-        if self._looked or self._wakes or self._mailbox is None:
+        if self._looked == self.turn.number or self._wakes or self._mailbox is None:
             return
-        self._looked = True
-        asyncio.get_running_loop().call_soon(self._look_again)
+        self._looked = self.turn.number
+        self.turn.now_ns()  # a turn that has been looked into must come to an end
         for key, payload in self._mailbox():
             self.on_payload(key, payload)
-
-    def _look_again(self) -> None:
-        self._looked = False
 
     def wake(self) -> None:
         """From now on the bus calls on each arrival."""
@@ -61,10 +64,11 @@ class Inbox(Generic[M]):
 
     def on_payload(self, key: str, payload: bytes) -> None:
         """Take what the bus delivers; refuse what is not a new, well-formed message of this topic."""
-        now_ns = self.clock.now_ns()
+        now_ns = self.turn.now_ns()
         try:
             message = self._decode(key, payload)
             self._check_order(message, now_ns)
+            self._check_lifetime(message, now_ns)
         except ValueError as why:
             self.reject(self.topic.key, " ".join(str(why).split()))
             return
@@ -91,3 +95,17 @@ class Inbox(Generic[M]):
         if message.stamp_ns <= last.stamp_ns and now_ns - self.received_ns < QUIET_ns:
             raise ValueError(f"seq {message.seq} after {last.seq}: repeated or out of order")
         self.restarts += 1
+
+    def _check_lifetime(self, message: M, now_ns: int) -> None:
+        """A command is obeyed while it is young; one from the future was not said by this publisher's clock."""
+        topic = self.topic
+        if topic.lifetime_s == float("inf") or not self.obeys:
+            return
+        here_ns = self.hosts.here_ns(topic.publisher, message.stamp_ns)
+        if here_ns is None:
+            raise ValueError("its age is not known: the clocks of the two hosts have not been compared")
+        age_ns, allowance_ns = now_ns - here_ns, self.hosts.allowance_ns(topic.publisher)
+        if age_ns > topic.lifetime_s * 1e9 + allowance_ns:
+            raise ValueError(f"{age_ns * 1e-9:.3f} s old: it lives {topic.lifetime_s + allowance_ns * 1e-9:g} s")
+        if -age_ns > self.hosts.ahead_ns(topic.publisher):
+            raise ValueError(f"its stamp lies {-age_ns * 1e-9:.3f} s in the future")

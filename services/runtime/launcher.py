@@ -139,8 +139,10 @@ async def launch(
     with open_bus(config, f"launcher-{os.getpid()}") as bus:
         bus.watch(launched.on_presence)
         try:
-            for name, command in commands.items():
+            for n, (name, command) in enumerate(commands.items()):
                 await launched.start(name, command, env)
+                if n == 0:  # a recorder hears even the first words of the others
+                    await launched.until_alive(timeout_s)
             await launched.until_alive(timeout_s)
             yield launched
         finally:

@@ -6,13 +6,15 @@ from collections.abc import AsyncIterator
 from typing import Any, Generic, TypeVar
 
 from schemas.message import Message
-from schemas.topics import HEALTH, Topic
+from schemas.topics import HEALTH, RADIO_CLOCK, Topic
 from services.runtime.bus import Bus
 from services.runtime.clock import Clock
 from services.runtime.heart import Heart, Report
+from services.runtime.hosts import Hosts, Placement
 from services.runtime.inbox import Inbox
 from services.runtime.readers import Latest, Queue, Stream, used
 from services.runtime.ticker import LoopStats, Tick, ticks
+from services.runtime.turn import Turn
 
 __all__ = ["Latest", "Node", "Publisher", "Queue", "Stream", "Tick", "used"]
 
@@ -22,17 +24,19 @@ M = TypeVar("M", bound=Message)
 class Publisher(Generic[M]):
     """The one writer of a topic. It sends what it is given, once: no repeat, no cache."""
 
-    def __init__(self, topic: Topic[M], bus: Bus, clock: Clock) -> None:
+    def __init__(self, topic: Topic[M], bus: Bus, turn: Turn) -> None:
         self.topic = topic
+        self.seq = 0
+        """Of the last message; the next has one more."""
         self._bus = bus
-        self._clock = clock
-        self._seq = 0
+        self._turn = turn
 
     def publish(self, message: M) -> M:
-        """Send `message` under the next seq, stamped now where it has no stamp; returns what was sent."""
-        self._seq += 1
-        stamp_ns = message.stamp_ns or self._clock.now_ns()
-        stamped = message.model_copy(update={"seq": self._seq, "stamp_ns": stamp_ns})
+        """Send `message` under the next seq, stamped with this turn where it has no stamp; returns what was sent."""
+        self.seq += 1
+        now_ns = self._turn.now_ns()
+        header = {"seq": self.seq, "stamp_ns": message.stamp_ns or now_ns, "said_ns": now_ns}
+        stamped = message.model_copy(update=header)
         self._bus.put(self.topic.key, stamped.__pydantic_serializer__.to_json(stamped), self.topic.stance)
         return stamped
 
@@ -40,9 +44,13 @@ class Publisher(Generic[M]):
 class Node:
     """What a service holds. It may write and read what the table says; an `observer` may read everything."""
 
-    def __init__(self, name: str, bus: Bus, clock: Clock, *, observer: bool = False) -> None:
+    def __init__(
+        self, name: str, bus: Bus, clock: Clock, *, observer: bool = False, placement: Placement | None = None
+    ) -> None:
         self.name = name
         self.clock = clock
+        """The host's time; laws and stamps go by the `turn`'s."""
+        self.turn = Turn(clock)
         self.status = ""
         self.host_status = ""
         self.rejected: Counter[str] = Counter()
@@ -51,8 +59,11 @@ class Node:
         self._observer = observer
         self._inboxes: dict[str, Inbox[Any]] = {}
         self._publishers: dict[str, Publisher[Any]] = {}
-        self._report = Report(name, clock)
-        self._heart = Heart(clock, self._publish_health if name in HEALTH else None)
+        self._report = Report(name, self.turn)
+        self._heart = Heart(self.turn, self._publish_health if name in HEALTH else None)
+        self.hosts = Hosts(placement)
+        if self.hosts.two and name != RADIO_CLOCK.publisher:
+            self._compare_clocks()
 
     def publisher(self, topic: Topic[M]) -> Publisher[M]:
         """The writer of `topic`.
@@ -62,7 +73,7 @@ class Node:
         """
         if topic.publisher != self.name:
             raise ValueError(f"{self.name} may not publish {topic.key}: the table names {topic.publisher}")
-        return self._publishers.setdefault(topic.key, Publisher(topic, self.bus, self.clock))
+        return self._publishers.setdefault(topic.key, Publisher(topic, self.bus, self.turn))
 
     def latest(self, topic: Topic[M]) -> Latest[M]:
         """A reader of the newest message.
@@ -111,8 +122,16 @@ class Node:
         if not (self._observer or self.name in topic.subscribers):
             raise ValueError(f"{self.name} may not read {topic.key}: the table lists {', '.join(topic.subscribers)}")
         if topic.key not in self._inboxes:
-            self._inboxes[topic.key] = Inbox(topic, self.bus, self.clock, self.reject)
+            self._inboxes[topic.key] = Inbox(topic, self.bus, self.turn, self.reject, self.hosts)
+            self._inboxes[topic.key].obeys = self.name in topic.subscribers
         return self._inboxes[topic.key]
+
+    def _compare_clocks(self) -> None:
+        """Let `hosts` know each comparison before a message of the other host is dated."""
+        inbox = self._inbox(RADIO_CLOCK)
+        inbox.taps.append(self.hosts.note)
+        inbox.listen()
+        self.hosts.look = inbox.look
 
     def _publish_health(self) -> None:
         for inbox in self._inboxes.values():

@@ -38,7 +38,7 @@ def serve(
     life = _Life(name)
     try:
         with open_bus(bus_config, name) as bus, asyncio.Runner() as runner:
-            node = Node(name, bus, MonotonicClock())
+            node = Node(name, bus, MonotonicClock(), placement=bus_config.placement)
             node.host_status = scheduler
             return runner.run(life.of(run(node, config)))
     except (RuntimeError, ValueError, OSError) as why:  # the session could not be opened: one line says all

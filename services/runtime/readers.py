@@ -1,16 +1,19 @@
 """How a service reads a topic: the newest message (Latest), or each in order, looked up (Queue) or waited for (Stream).
 
 Only a Stream wakes its loop when something arrives. The others look when they are asked, and what they show stays the
-same until the loop's next turn, so that a law and the `inputs` of its message speak of the same samples.
+same until the loop's next turn, so that a law and the `inputs` of its message speak of the same samples. What the other
+host said is stamped with this host's clock, by the comparison of the clocks (hosts.py) that the turn began with: it is
+among the `inputs` too.
 """
 
 import asyncio
 from collections import deque
 from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar
 
-from schemas.message import Message
+from schemas.message import MISSED, TICK, Message
 from schemas.topics import Topic
 from services.runtime.inbox import Inbox
+from services.runtime.ticker import Tick
 
 if TYPE_CHECKING:
     from services.runtime.heart import Heart
@@ -24,19 +27,19 @@ class Latest(Generic[M]):
     def __init__(self, inbox: Inbox[M]) -> None:
         self.topic: Topic[M] = inbox.topic
         self._inbox = inbox
-        self._clock = inbox.clock
-        self._timeout_ns = inbox.topic.timeout_s * 1e9
+        self._turn = inbox.turn
+        self._timeout_ns = inbox.topic.timeout_s * 1e9 + inbox.hosts.allowance_ns(inbox.topic.publisher)
         inbox.listen()
 
     @property
     def message(self) -> M | None:
         """What arrived last; None before the first."""
-        self._inbox.look()
-        return self._inbox.message
+        held = self._held()
+        return held and self._inbox.hosts.here(self.topic.publisher, held)
 
     @property
     def received_ns(self) -> int:
-        """When it was first seen here, on the own clock; 0 before the first."""
+        """The turn in which it was first seen here, on the own clock; 0 before the first."""
         self._inbox.look()
         return self._inbox.received_ns
 
@@ -44,13 +47,14 @@ class Latest(Generic[M]):
     def fresh(self) -> bool:
         """A valid message whose reception and whose content are younger than the topic's timeout.
 
-        The content's age compares clocks of one host. A stamp that lies ahead by more than the timeout is not trusted.
+        While the clocks of the hosts have not been compared, nothing of the other is. A stamp that lies ahead by more than
+        the timeout is not trusted.
         """
-        message = self.message
-        if message is None or not message.valid:
+        held, here_ns = self._held(), self._here_ns()
+        if held is None or not held.valid or here_ns is None:
             return False
-        now_ns = self._clock.now_ns()
-        return now_ns - self._inbox.received_ns < self._timeout_ns and abs(now_ns - message.stamp_ns) < self._timeout_ns
+        now_ns = self._turn.now_ns()
+        return now_ns - self._inbox.received_ns < self._timeout_ns and abs(now_ns - here_ns) < self._timeout_ns
 
     @property
     def value(self) -> M | None:
@@ -59,9 +63,24 @@ class Latest(Generic[M]):
 
     @property
     def age_s(self) -> float:
-        """Of the content: now - stamp; infinite before the first message."""
-        message = self.message
-        return (self._clock.now_ns() - message.stamp_ns) * 1e-9 if message else float("inf")
+        """Of the content: now - stamp, 0 for what was said since the turn began; infinite where it has none that is known."""
+        here_ns = self._here_ns()
+        return float("inf") if here_ns is None else max(self._turn.now_ns() - here_ns, 0) * 1e-9
+
+    @property
+    def comparison(self) -> dict[str, int]:
+        """The comparison of the clocks that dates what is read here, for `inputs`; empty where none does."""
+        return self._inbox.hosts.inputs(self.topic.publisher)
+
+    def _held(self) -> M | None:
+        """As it was said."""
+        self._inbox.look()
+        return self._inbox.message
+
+    def _here_ns(self) -> int | None:
+        """Its stamp on this host's clock; None where there is no message or no comparison."""
+        held = self._held()
+        return None if held is None else self._inbox.hosts.here_ns(self.topic.publisher, held.stamp_ns)
 
 
 class Queue(Latest[M]):
@@ -77,11 +96,6 @@ class Queue(Latest[M]):
         self._taken: M | None = None
         inbox.taps.append(self._push)
 
-    @property
-    def message(self) -> M | None:
-        """The last one taken out; None before the first."""
-        return self._taken
-
     def drain(self) -> list[M]:
         """All that arrived since the last call, oldest first."""
         self._inbox.look()
@@ -89,7 +103,10 @@ class Queue(Latest[M]):
         self._queue.clear()
         if drained:
             self._taken = drained[-1]
-        return drained
+        return [self._inbox.hosts.here(self.topic.publisher, message) for message in drained]
+
+    def _held(self) -> M | None:
+        return self._taken
 
     def _push(self, message: M) -> None:
         if len(self._queue) == self._queue.maxlen:
@@ -119,7 +136,7 @@ class Stream(Queue[M]):
             await self._waiter
         self._heart.turn()
         self._taken = self._queue.popleft()
-        return self._taken
+        return self._inbox.hosts.here(self.topic.publisher, self._taken)
 
     def _push(self, message: M) -> None:
         super()._push(message)
@@ -130,6 +147,15 @@ class Stream(Queue[M]):
             self._waiter.set_result(None)
 
 
-def used(*readers: Latest[Any]) -> dict[str, int]:
-    """The seq of the message that each reader holds, by topic: what goes into a message's `inputs`."""
-    return {reader.topic.key: reader.message.seq for reader in readers if reader.message}
+def used(*readers: Latest[Any], tick: Tick | None = None) -> dict[str, int]:
+    """What goes into a message's `inputs`: the seq of the message that each reader holds, by topic, and the tick.
+
+    Where a reader holds what the other host said, also the comparison of the clocks that dated it.
+    """
+    compared = {key: seq for reader in readers for key, seq in reader.comparison.items()}
+    inputs = compared | {reader.topic.key: reader.message.seq for reader in readers if reader.message}
+    if tick is not None:
+        inputs[TICK] = tick.n + 1
+        if tick.missed:
+            inputs[MISSED] = tick.missed
+    return inputs

@@ -26,7 +26,8 @@ QUEUE = 16
 
 RETRY_ms = 100
 RUNTIME = "(rx: (worker_threads: 1), tx: (handover: rx), net: (handover: rx), acc: (handover: rx), app: (handover: rx))"
-"""One thread of Zenoh's own for each session instead of six: on two cores their hand-overs cost more than their work."""
+"""One thread of Zenoh's own for each session instead of six: on two cores their hand-overs cost more than their work.
+Not over a radio: there a declaration waits for a link that is dead, and with one thread everything waits with it, for 3 s."""
 
 # Nothing blocks: a blocked put on a dead link stalls local delivery too. Nothing is `express`: each such message takes a
 # batch of its own, the queue holds QUEUE of them, and a stall of 50 ms already cost samples; it saved 0.05 ms a hop.
@@ -99,6 +100,44 @@ class ZenohBus:
         replies = self._session.liveliness().get(f"{token}*", timeout=1.0)
         return {str(reply.ok.key_expr).removeprefix(token) for reply in replies if reply.ok}
 
+    def answer(self, key: str, reply: Callable[[], bytes]) -> None:
+        """Answer each question on `key` at once, in Zenoh's thread: `reply` must not wait."""
+        full = self._prefix + key
+
+        def told(query: zenoh.Query) -> None:
+            query.reply(full, reply())
+
+        self._session.declare_queryable(full, told)
+
+    def ask(self, key: str, on_reply: Callable[[bytes, int], None], timeout_s: float) -> None:
+        """Ask; `on_reply` gets the answer and when it arrived (monotonic, ns), in the running loop."""
+        loop = asyncio.get_running_loop()
+
+        def arrived(reply: zenoh.Reply) -> None:
+            now_ns = time.monotonic_ns()
+            if reply.ok and not loop.is_closed():
+                loop.call_soon_threadsafe(on_reply, reply.ok.payload.to_bytes(), now_ns)
+
+        self._session.get(
+            self._prefix + key,
+            arrived,
+            timeout=timeout_s,
+            priority=Priority.REAL_TIME,
+            congestion_control=CongestionControl.DROP,
+        )
+
+    def ask_now(self, key: str, timeout_s: float) -> tuple[bytes, int] | None:
+        """As `ask`, for tools: blocks; None where nobody answers."""
+        for reply in self._session.get(self._prefix + key, timeout=timeout_s, priority=Priority.REAL_TIME):
+            if reply.ok:
+                return reply.ok.payload.to_bytes(), time.monotonic_ns()
+        return None
+
+    def remotes(self) -> dict[str, str]:
+        """By session, the certificate's name of each that is connected over the radio."""
+        links = self._session.info.links()
+        return {str(link.zid): link.auth_identifier for link in links if link.auth_identifier}
+
     def _declare(self, key: str, stance: Stance) -> zenoh.Publisher:
         return self._session.declare_publisher(
             self._prefix + key,
@@ -158,7 +197,10 @@ def open_bus(config: BusConfig, name: str) -> Generator[ZenohBus]:
         AlreadyRunning: a living process holds the service's name.
         ValueError: a socket's path is too long.
     """
-    os.environ.setdefault("ZENOH_RUNTIME", RUNTIME)
+    if not config.settings:
+        os.environ.setdefault("ZENOH_RUNTIME", RUNTIME)
+    if config.log_levels:
+        zenoh.init_log_from_env_or(config.log_levels)
     is_service = name in config.services
     with ExitStack() as stack:
         stack.enter_context(claim(config, name) if is_service else nullcontext())
@@ -176,7 +218,7 @@ def session_config(config: BusConfig, name: str) -> zenoh.Config:
     connect = [_endpoint(config, other) for other in config.services if other != name]
     values: dict[str, Any] = {
         "mode": "peer",
-        "listen/endpoints": listen,
+        "listen/endpoints": [*listen, *config.listen],
         "connect/endpoints": [*connect, *config.endpoints],
         "connect/timeout_ms": -1,
         "connect/exit_on_failure": False,
@@ -188,7 +230,7 @@ def session_config(config: BusConfig, name: str) -> zenoh.Config:
         "transport/link/tx/queue/size/real_time": QUEUE,
         "transport/link/tx/queue/size/interactive_high": QUEUE,
         "transport/shared_memory/enabled": False,
-    }
+    } | config.settings
     made = zenoh.Config()
     for key, value in values.items():
         made.insert_json5(key, json.dumps(value))

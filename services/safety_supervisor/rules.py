@@ -34,30 +34,35 @@ class Limits:
     """Vehicle's centre to hand."""
     bias_warn_N: Positive
     bias_hold_N: Positive
+    energy_created_warn_J: Positive
+    """By the filter out of nothing; its books close to rounding, so this is far above any error (energy.py)."""
     age_ease_s: Positive
     age_hold_s: Positive
-    pose_apart_m: Positive
-    pose_lost_s: Positive
+    robot_apart_m: Positive
+    robot_lost_s: Positive
     """The autopilot goes on by dead reckoning, for about twice as long."""
     stall_s: Positive
     """A loop later than this means that the host took the processor away."""
     battery_warn_fraction: Positive
     battery_land_fraction: Positive
     release_s: Positive
+    clock_uncertainty_max_s: Positive
+    """Of the comparison of the two hosts' clocks: what it adds to the age of a command."""
+    time_of_day_apart_max_s: Positive
 
 
 class Facts(NamedTuple):
     """What the supervisor knows at one tick; ages are infinite where nothing has arrived."""
 
     handle_age_s: float
+    robot_pose_age_s: float
+    """Of what motion capture says; the autopilot's own position goes on without it, and drifts."""
+    robot_apart_m: float
+    """Between motion capture and the autopilot, about where the vehicle is."""
     vehicle_age_s: float
     force_age_s: float
     guidance_age_s: float
     setpoint_age_s: float
-    pose_age_s: float
-    """Of the vehicle's pose by motion capture, on which the autopilot flies."""
-    pose_apart_m: float
-    """Between motion capture and the autopilot, about where the vehicle is."""
     offboard: bool
     autopilot_lands: bool
     hand_force_N: float
@@ -68,8 +73,14 @@ class Facts(NamedTuple):
     above_ceiling_m: float
     """How far the robot is above hand plane + l̄ + margin; negative below."""
     bias_change_N: float
+    energy_created_J: float
+    tank_scale: float
+    """Part of the guiding force that the energy tank lets act."""
     battery_fraction: float
     stall_s: float
+    clock_uncertainty_s: float = 0.0
+    """Infinite before the first comparison; 0 on one host."""
+    time_of_day_apart_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -90,12 +101,13 @@ RULES: tuple[Rule, ...] = (
     #    name                 broken when                                          in       debounce level       text                                       cure
     Rule("vehicle_silent",    lambda f, p: f.vehicle_age_s > p.age_ease_s,          FLYING | {Phase.IDLE}, 0.0, Level.EASE, "the vehicle's state is stale",             "check the link between bridge and autopilot"),
     Rule("vehicle_lost",      lambda f, p: f.vehicle_age_s > p.age_hold_s,          FLYING,  0.0, Level.DESCEND, "the vehicle has long been silent",        "let go, step back: the autopilot lands by itself"),
-    Rule("robot_lost",        lambda f, p: f.pose_age_s > p.pose_lost_s,            FLYING,  0.0, Level.DESCEND, "the vehicle has not been seen for long",  "let go, step back; check the capture system"),
-    Rule("robot_elsewhere",   lambda f, p: f.pose_apart_m > p.pose_apart_m,         ALOFT,   0.1, Level.EASE,  "motion capture sees the vehicle elsewhere","check the markers of vehicle and handle"),
-    Rule("robot_gone",        lambda f, p: f.pose_apart_m > p.pose_apart_m,         ALOFT,   2.0, Level.DESCEND, "motion capture has long seen the vehicle elsewhere", "let go, step back; check the markers"),
     Rule("autopilot_lands",   lambda f, p: f.autopilot_lands,                       ALOFT,   0.1, Level.DESCEND, "the autopilot lands by itself",           "let go, step back"),
     Rule("handle_hidden",     lambda f, p: f.handle_age_s > p.age_ease_s,           PREPARED, 0.0, Level.EASE,  "the handle is not seen",                   "check its markers and the capture system"),
     Rule("handle_lost",       lambda f, p: f.handle_age_s > p.age_hold_s,           ENGAGED, 2.0, Level.HOLD,  "the handle has not been seen for long",    "check its markers and the capture system"),
+    Rule("robot_hidden",      lambda f, p: f.robot_pose_age_s > p.age_hold_s,       PREPARED, 0.5, Level.EASE, "the vehicle is not seen",                  "check its markers and the capture system"),
+    Rule("robot_lost",        lambda f, p: f.robot_pose_age_s > p.robot_lost_s,     FLYING,  0.0, Level.DESCEND, "the autopilot flies without motion capture", "let go, step back: it lands"),
+    Rule("robot_elsewhere",   lambda f, p: f.robot_apart_m > p.robot_apart_m,       ALOFT,   0.1, Level.EASE,  "motion capture sees the vehicle elsewhere", "check the markers of vehicle and handle"),
+    Rule("robot_gone",        lambda f, p: f.robot_apart_m > p.robot_apart_m,       ALOFT,   2.0, Level.DESCEND, "motion capture has long seen the vehicle elsewhere", "let go, step back: it lands"),
     Rule("force_silent",      lambda f, p: f.force_age_s > p.age_ease_s,            PREPARED, 0.0, Level.EASE,  "the force estimate is stale",              "check force_estimator and the IMU stream"),
     Rule("guidance_silent",   lambda f, p: f.guidance_age_s > p.age_ease_s,         PULLING, 0.0, Level.EASE,  "guidance is stale",                        "check guiding_controller and the radio"),
     Rule("setpoints_silent",  lambda f, p: f.setpoint_age_s > p.age_ease_s,         ENGAGED, 0.0, Level.EASE,  "no set-points leave the bridge",           "check px4_bridge"),
@@ -109,8 +121,12 @@ RULES: tuple[Rule, ...] = (
     Rule("outside",           lambda f, p: f.robot_outside_m > 0.0,                 FLYING,  0.1, Level.HOLD,  "the vehicle left the volume",              "guide it back or land"),
     Rule("bias_moving",       lambda f, p: f.bias_change_N > p.bias_warn_N,         ENGAGED, 0.5, Level.WARN,  "the force bias has moved since zeroing",   "zero again soon"),
     Rule("bias_moved",        lambda f, p: f.bias_change_N > p.bias_hold_N,         ENGAGED, 0.5, Level.HOLD,  "the force estimate cannot be trusted",     "land and zero again"),
+    Rule("energy_created",    lambda f, p: f.energy_created_J > p.energy_created_warn_J, ENGAGED, 0.0, Level.WARN, "the filter made energy out of nothing",  "land, and keep the recording"),
+    Rule("tank_empty",        lambda f, p: f.tank_scale < 1.0,                      PULLING, 0.0, Level.WARN,  "guidance has used up its energy",          "land; the next start fills the tank"),
     Rule("battery_low",       lambda f, p: f.battery_fraction < p.battery_warn_fraction, FLYING, 2.0, Level.WARN, "the battery is low",                   "finish soon"),
     Rule("battery_empty",     lambda f, p: f.battery_fraction < p.battery_land_fraction, FLYING, 2.0, Level.LAND, "the battery is empty",                 "change it"),
+    Rule("clocks_unknown",    lambda f, p: f.clock_uncertainty_s > p.clock_uncertainty_max_s, PREPARED, 0.0, Level.EASE, "the clocks of the two hosts are not compared", "look at clew link"),
+    Rule("time_of_day",       lambda f, p: f.time_of_day_apart_s > p.time_of_day_apart_max_s, PREPARED, 0.0, Level.EASE, "the two hosts differ in the time of day", "set up chrony (docs/operate.md)"),
     Rule("host_stall",        lambda f, p: f.stall_s > p.stall_s,                   ENGAGED, 0.0, Level.EASE,  "this host took the processor away",        "stop what else runs on it"),
 )
 # fmt: on

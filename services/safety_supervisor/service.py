@@ -9,8 +9,10 @@ from schemas.message import Vec3
 from schemas.safety import Action, Level, OperatorReply, OperatorRequest, Phase, SafetyState
 from schemas.topics import (
     CABLE_FORCE,
+    ENERGY,
     GUIDANCE,
     HANDLE_STATE,
+    RADIO_CLOCK,
     REPLY,
     REQUEST,
     ROBOT_POSE,
@@ -22,7 +24,7 @@ from schemas.tracking import HandleSource
 from schemas.vehicle import FlightMode
 from services.config import Config
 from services.physics import Array, norm
-from services.runtime.node import Node, used
+from services.runtime.node import Node, Tick, used
 from services.runtime.readers import Latest
 from services.safety_supervisor import distances, held, phases, rules
 from services.safety_supervisor.novelty import Novelty
@@ -35,13 +37,15 @@ class Senses:
     """The supervisor's ears: one reader per topic it judges by."""
 
     def __init__(self, node: Node) -> None:
-        self.handle, self.pose = node.latest(HANDLE_STATE), node.latest(ROBOT_POSE)
+        self.handle, self.robot_pose = node.latest(HANDLE_STATE), node.latest(ROBOT_POSE)
         self.vehicle = node.latest(VEHICLE_STATE)
         self.force = node.latest(CABLE_FORCE)
         self.guidance = node.latest(GUIDANCE)
         self.setpoint = node.latest(SETPOINT)
+        self.energy = node.latest(ENERGY)
         self.requests = node.queue(REQUEST)
-        measured = (self.handle, self.pose, self.vehicle, self.force, self.guidance)
+        self.clocks = node.latest(RADIO_CLOCK) if node.hosts.two else None
+        measured = (self.handle, self.robot_pose, self.vehicle, self.force, self.guidance)
         self.novelty = {reader.topic.key: Novelty() for reader in measured}
 
     def age_s(self, reader: Latest[Any]) -> float:
@@ -51,9 +55,14 @@ class Senses:
         novelty = self.novelty.get(reader.topic.key)
         return reader.age_s if novelty is None else novelty.age_s(reader.message, reader.age_s)
 
-    def inputs(self) -> dict[str, int]:
+    def inputs(self, tick: Tick) -> dict[str, int]:
         """What a verdict was made of."""
-        return used(self.handle, self.pose, self.vehicle, self.force, self.guidance, self.setpoint, self.requests)
+        seen, told = (
+            (self.handle, self.robot_pose),
+            (self.vehicle, self.force, self.guidance, self.setpoint, self.energy),
+        )
+        clocks = (self.clocks,) if self.clocks else ()
+        return used(*seen, *told, self.requests, *clocks, tick=tick)
 
 
 class Person(NamedTuple):
@@ -90,7 +99,7 @@ async def run(node: Node, config: Config) -> None:
         node.status = f"{state.phase} {state.why}".strip()
         out.publish(
             SafetyState(
-                inputs=senses.inputs(),
+                inputs=senses.inputs(tick),
                 phase=state.phase,
                 level=max(seen.level, state.operator_level),
                 permit=decision.permit,
@@ -126,6 +135,8 @@ def _observe(person: Person, senses: Senses, dt: float, config: Config) -> Perso
 def _facts(senses: Senses, person: Person, stall_s: float, config: Config) -> Facts:
     """What the rules are judged by; what is unknown is judged by its age, not by a guess."""
     hand, robot, force = senses.handle.message, senses.vehicle.message, senses.force.message
+    energy = senses.energy.message
+    clock = senses.clocks.value if senses.clocks else None
     p, world = config.safety_supervisor, config.world
     p_R = robot.position_m.array() if robot else np.zeros(3)
     p_H = hand.position_m.array() if hand and hand.valid else p_R - np.array([0.0, 0.0, config.cable.rest_length_m])
@@ -139,16 +150,15 @@ def _facts(senses: Senses, person: Person, stall_s: float, config: Config) -> Fa
         p.envelope,
     )
     weight = np.array([0.0, 0.0, config.px4_bridge.flight.handle_weight_N])
-    apart = _apart_m(senses)
     pull = float(norm(force.force_N.array() - weight)) if force and person.held.held else 0.0
     return Facts(
         handle_age_s=senses.age_s(senses.handle),
+        robot_pose_age_s=senses.age_s(senses.robot_pose),
+        robot_apart_m=_apart_m(senses),
         vehicle_age_s=senses.age_s(senses.vehicle),
         force_age_s=senses.age_s(senses.force),
         guidance_age_s=senses.age_s(senses.guidance),
         setpoint_age_s=senses.age_s(senses.setpoint),
-        pose_age_s=senses.age_s(senses.pose),
-        pose_apart_m=apart,
         offboard=robot is not None and robot.mode is FlightMode.OFFBOARD,
         autopilot_lands=robot is not None and robot.armed and robot.mode in (FlightMode.LAND, FlightMode.DESCEND),
         hand_force_N=pull,
@@ -157,15 +167,26 @@ def _facts(senses: Senses, person: Person, stall_s: float, config: Config) -> Fa
         robot_outside_m=float(near.outside),
         above_ceiling_m=float(near.above),
         bias_change_N=force.bias_change_N if force else 0.0,
+        energy_created_J=energy.created_J if energy else 0.0,
+        tank_scale=energy.tank_scale if energy else 1.0,
         battery_fraction=robot.battery_fraction if robot else 1.0,
         stall_s=stall_s,
+        clock_uncertainty_s=_clock_uncertainty_s(senses),
+        time_of_day_apart_s=abs(clock.time_of_day_apart_s) if clock else 0.0,
     )
 
 
 def _apart_m(senses: Senses) -> float:
     """How far motion capture and the autopilot disagree about where the vehicle is."""
-    pose, robot = senses.pose.value, senses.vehicle.value
+    pose, robot = senses.robot_pose.value, senses.vehicle.value
     return float(norm(pose.position_m.array() - robot.position_m.array())) if pose and robot else 0.0
+
+
+def _clock_uncertainty_s(senses: Senses) -> float:
+    if senses.clocks is None:
+        return 0.0
+    clock = senses.clocks.value
+    return clock.uncertainty_s if clock else float("inf")
 
 
 def _seen(action: Action | None, active: list[Rule], senses: Senses, is_held: bool, end: Array) -> phases.Seen:

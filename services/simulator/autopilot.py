@@ -50,12 +50,13 @@ class Autopilot:
 
 
 class Sensors(NamedTuple):
-    """specific_force_B, omega_B (3,), q_WB_wxyz (4,), and the battery."""
+    """specific_force_B, omega_B (3,), q_WB_wxyz (4,), the battery, and the height above the floor for a barometer."""
 
     specific_force_B: Array
     omega_B: Array
     q_WB_wxyz: Array
     battery_fraction: float = 1.0
+    height_m: float = 0.0
 
 
 class Pose(NamedTuple):

@@ -48,6 +48,7 @@ class Ack(IntEnum):
     TEMPORARILY_REJECTED = 1
     DENIED = 2
     UNSUPPORTED = 3
+    FAILED = 4
 
 
 class Arm(NamedTuple):
@@ -203,9 +204,8 @@ def _disarmed_by_time(state: CommanderState, now: Situation, px4: Parameters) ->
 
 
 def _disarmed(state: CommanderState) -> CommanderState:
-    """A landing by failsafe leaves Land behind, so that flying on needs a mode and an arm command."""
-    intention = Mode.LAND if state.failsafe in (Failsafe.LAND, Failsafe.BLIND) else state.intention
-    return state._replace(armed=False, has_flown=False, failsafe=Failsafe.NONE, intention=intention)
+    """A failsafe ends with the flight, and the intended mode shows again: offboard, but it needs a new arm command."""
+    return state._replace(armed=False, has_flown=False, failsafe=Failsafe.NONE)
 
 
 def _streams(state: CommanderState, p: Commander) -> bool:

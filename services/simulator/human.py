@@ -15,12 +15,13 @@ Everything broadcasts over leading axes.
 import math
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import NamedTuple
+from typing import Annotated, NamedTuple, TypeAlias
 
 import numpy as np
+from annotated_types import Gt
 
 from services.parameters import NonNegative, Positive, parameters
-from services.physics import Array, at_least, choose, components, vector
+from services.physics import Array, Scalar, anywhere, at_least, choose, components, exp, vector
 
 _XY = np.array([1.0, 1.0, 0.0])
 _TURNING_SPEED_MPS = 0.1  # slower than this a person does not turn towards where the hand moves
@@ -38,6 +39,12 @@ class Human:
     head_beside_hand_m: float
     turning_time_s: Positive
     b_stop_Ns_per_m: Positive
+    reaction: Annotated[float, Gt(-1)] = 0.0
+    """Own force per pull felt: above 0 the person steps along, below 0 they hang back."""
+    pull_threshold_N: NonNegative = 0.0
+    """A pull up to this is leant against, and only what is more is followed."""
+    veer: float = 0.0
+    """Part of the pull that the person adds to its left: they walk at an angle to it."""
 
 
 class HumanState(NamedTuple):
@@ -60,7 +67,10 @@ class Kind(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Event:
-    """One deed: from `start_s` for `duration_s`, with what its kind asks for: a horizontal force, or a height and a speed."""
+    """One deed: from `start_s` for `duration_s`, with what its kind asks for: a horizontal force, or a height and a speed.
+
+    Of a crowd each number is an array (...); who does nothing of the kind starts at infinity.
+    """
 
     kind: Kind
     start_s: float
@@ -71,16 +81,16 @@ class Event:
 
     def __post_init__(self) -> None:
         """Refuse what cannot be meant. Raises ValueError."""
-        if not self.duration_s > 0.0:
+        if not np.all(np.asarray(self.duration_s) > 0.0):
             raise ValueError(f"{self.kind}.duration_s = {self.duration_s} must be above 0")
-        if self.kind in (Kind.PUSH, Kind.WALK_AWAY) and not any(self.force_W_N[:2]):
+        if self.kind in (Kind.PUSH, Kind.WALK_AWAY) and not any(np.any(f) for f in self.force_W_N[:2]):
             raise ValueError(f"{self.kind}.force_W_N = {self.force_W_N} must have a horizontal part")
         if not self.speed_mps > 0.0:
             raise ValueError(f"{self.kind}.speed_mps = {self.speed_mps} must be above 0")
 
-    def covers(self, t_s: float) -> bool:
-        """Whether the event is going on at `t_s`."""
-        return self.start_s <= t_s < self.start_s + self.duration_s
+    def covers(self, t_s: float) -> Scalar:
+        """Whether the event is going on at `t_s`: a bool, of a crowd (...) of them."""
+        return (self.start_s <= t_s) & (t_s < self.start_s + self.duration_s)
 
 
 Behaviour = tuple[Event, ...]
@@ -90,9 +100,18 @@ def u_H(t_s: float, state: HumanState, script: Behaviour, p: Human) -> Array:
     """The person's own force at time `t_s` in N, (..., 3), horizontal."""
     total = 0.0 * state.v_H_W
     for event in script:
-        if event.covers(t_s):
-            total = total + _deed(event, state, p)
+        now = event.covers(t_s)
+        if anywhere(now):
+            total = total + _deed(event, state, p) * np.asarray(now)[..., None]
     return total * _XY
+
+
+def lean(f_c_W: Array, p: Human) -> Array:
+    """The person's own force in answer to the pull, (..., 3) N, horizontal: reaction, threshold and veer."""
+    x, y, _ = components(f_c_W)
+    over = at_least(1.0 - p.pull_threshold_N / at_least((x * x + y * y) ** 0.5, 1e-9), 0.0)
+    follow = (1.0 + p.reaction) * over
+    return vector(follow * (x - p.veer * y) - x, follow * (y + p.veer * x) - y, 0.0 * x)
 
 
 def lets_go(t_s: float, script: Behaviour) -> bool:
@@ -110,8 +129,8 @@ def rise(t_s: float, script: Behaviour) -> tuple[float, float]:
 
 def _deed(event: Event, state: HumanState, p: Human) -> Array:
     if event.kind is Kind.STOP:
-        return -p.b_stop_Ns_per_m * state.v_H_W
-    return np.array(event.force_W_N)
+        return vector(*(-p.b_stop_Ns_per_m * v for v in components(state.v_H_W)))
+    return vector(*event.force_W_N)
 
 
 def step(state: HumanState, f_c_W: Array, u_H_W: Array, dt: float, p: Human) -> HumanState:
@@ -119,28 +138,38 @@ def step(state: HumanState, f_c_W: Array, u_H_W: Array, dt: float, p: Human) -> 
 
     `f_c_W` and `u_H_W` are (..., 3) N; the height of the hand stays as it is.
     """
-    rate = p.b_H_Ns_per_m / p.m_H_kg
-    fade = math.exp(-rate * dt)
-    drift, gain = dt / p.b_H_Ns_per_m, (1.0 - fade) / rate
-    (x, y, z), (v_x, v_y, _), (f_x, f_y, _) = (
-        components(state.p_H_W),
-        components(state.v_H_W),
-        components(f_c_W + u_H_W),
-    )
-    gap_x, gap_y = (
-        v_x - f_x / p.b_H_Ns_per_m,
-        v_y - f_y / p.b_H_Ns_per_m,
-    )  # from the speed that the forces would lead to
-    p_H = vector(x + drift * f_x + gain * gap_x, y + drift * f_y + gain * gap_y, z)
-    v = vector(v_x + (fade - 1.0) * gap_x, v_y + (fade - 1.0) * gap_y, 0.0 * gap_x)
+    p_H, v = moved(state.p_H_W, state.v_H_W, f_c_W + u_H_W, response(dt, p))
     return HumanState(p_H, v, facing(state.facing_W, v, dt, p))
+
+
+Response: TypeAlias = tuple[Scalar, Scalar, Scalar, Scalar]
+"""What a person makes of a force f held over dt: p moves by `glide v + shift f` and v becomes `kept v + push f`.
+
+In the order glide in s, kept, shift in m/N, push in m/s/N.
+"""
+
+
+def response(dt: float, p: Human) -> Response:
+    """Of the exact solution of humanModel over `dt` s, all that does not depend on the state."""
+    b, rate = p.b_H_Ns_per_m, p.b_H_Ns_per_m / p.m_H_kg
+    kept = exp(-rate * dt)
+    glide = (1.0 - kept) / rate
+    return glide, kept, (dt - glide) / b, (1.0 - kept) / b
+
+
+def moved(p_H_W: Array, v_H_W: Array, force_W: Array, r: Response) -> tuple[Array, Array]:
+    """Hand and its velocity after the step of `r` under `force_W` = f_c + u_H in N, each (..., 3)."""
+    (x, y, z), (v_x, v_y, _), (f_x, f_y, _) = components(p_H_W), components(v_H_W), components(force_W)
+    glide, kept, shift, push = r
+    p_H = vector(x + glide * v_x + shift * f_x, y + glide * v_y + shift * f_y, z)
+    return p_H, vector(kept * v_x + push * f_x, kept * v_y + push * f_y, 0.0 * z)
 
 
 def facing(facing_W: Array, v_W: Array, dt: float, p: Human) -> Array:
     """The person turns towards the way the hand moves, within about `turning_time_s`; unit length, (..., 3)."""
     (x, y, _), (v_x, v_y, _) = components(facing_W), components(v_W)
     speed = (v_x * v_x + v_y * v_y) ** 0.5
-    gain = choose(speed > _TURNING_SPEED_MPS, -math.expm1(-dt / p.turning_time_s), 0.0)
+    gain = choose(speed > _TURNING_SPEED_MPS, 1.0 - exp(-dt / p.turning_time_s), 0.0)
     per_speed = 1.0 / at_least(speed, _TURNING_SPEED_MPS)
     turned_x = x + gain * (v_x * per_speed - 0.01 * y - x)  # the little to the left: for who moves straight back
     turned_y = y + gain * (v_y * per_speed + 0.01 * x - y)

@@ -2,7 +2,7 @@
 
 Rates are PX4's defaults for a companion's link, but for the set-points in force, which it shows to nobody who has not
 asked. Whoever wants more asks for it with MAV_CMD_SET_MESSAGE_INTERVAL, and gets no more than PX4 gives. Motor outputs
-are fractions of full thrust.
+are whole microseconds of PWM.
 """
 
 import math
@@ -27,6 +27,7 @@ _ON_GROUND, _IN_AIR = 1, 2
 _BATTERY_CELL_V = 3.5
 _NOT_SET = 65535
 _ATTITUDE_QUATERNION, _ACTUATOR_OUTPUT_STATUS, _HIGHRES_IMU, _LOCAL_POSITION_NED = 31, 375, 105, 32
+_CURRENT_MODE = 436
 _UNUSED_OUTPUTS = (0.0,) * 28
 _ACCEPTED_FIELDS = 63  # accelerometer and gyro are new in this sample
 
@@ -44,6 +45,11 @@ def _heartbeat(mav: Any, now: Moment) -> None:
     base = _CUSTOM_MODE_ENABLED | (_ARMED if orders.armed else 0)
     status = _TERMINATED if orders.terminated else _ACTIVE if orders.armed else _STANDBY
     mav.heartbeat_send(_QUADROTOR, _PX4, base, CUSTOM_MODE[orders.mode], status)
+
+
+def _current_mode(mav: Any, now: Moment) -> None:
+    orders = now.state.commander
+    mav.send_fields(_CURRENT_MODE, CUSTOM_MODE[orders.mode], CUSTOM_MODE[orders.intention], 0)
 
 
 def _sys_status(mav: Any, now: Moment) -> None:
@@ -67,7 +73,19 @@ def _attitude_quaternion(mav: Any, now: Moment) -> None:
 
 
 def _actuator_output_status(mav: Any, now: Moment) -> None:
-    mav.send_fields(_ACTUATOR_OUTPUT_STATUS, now.time_us, 0b1111, *now.state.motors.tolist(), *_UNUSED_OUTPUTS)
+    mav.send_fields(_ACTUATOR_OUTPUT_STATUS, now.time_us, 4, *pwm_us(now.state), *_UNUSED_OUTPUTS)
+
+
+def has_begun(state: AutopilotState) -> bool:
+    """Whether there ever was a position."""
+    return math.isfinite(state.estimator.since_accepted_s)
+
+
+def pwm_us(state: AutopilotState) -> list[int]:
+    """Of the four motors: 1000 to 2000, and 900 while disarmed."""
+    if not state.commander.armed:
+        return [900] * 4
+    return [round(1000.0 + 1000.0 * motor) for motor in state.motors.tolist()]
 
 
 def _highres_imu(mav: Any, now: Moment) -> None:
@@ -77,8 +95,8 @@ def _highres_imu(mav: Any, now: Moment) -> None:
 
 
 def _local_position_ned(mav: Any, now: Moment) -> None:
-    """Silent, as PX4 is, while there is no position."""
-    if now.state.has_position:
+    """Silent before the first pose. After the last one it goes on with what is no longer worth anything, as PX4's does."""
+    if has_begun(now.state):
         p = frames.ned_from_enu(now.state.estimate.p_W).tolist()
         v = frames.ned_from_enu(now.state.estimate.v_W).tolist()
         mav.send_fields(_LOCAL_POSITION_NED, now.time_us // 1000, *p, *v)
@@ -131,7 +149,8 @@ class Stream:
 def streams() -> tuple[Stream, ...]:
     """All of them. Those that a merged inertial sample is made of come before HIGHRES_IMU, which completes it."""
     return (
-        Stream(0, _heartbeat, 1.0, 50.0),
+        Stream(0, _heartbeat, 1.0, 1.0),
+        Stream(_CURRENT_MODE, _current_mode, 0.5, 250.0),
         Stream(1, _sys_status, 1.0, 10.0),
         Stream(147, _battery_status, 0.5, 10.0),
         Stream(245, _extended_sys_state, 5.0, 50.0),

@@ -4,7 +4,8 @@ import re
 
 import pytest
 
-from services.config import Config, ConfigError, deploy_folder, load
+from services.config import Config, ConfigError, load, told_in
+from services.profile_file import deploy_folder
 
 DEMO = (deploy_folder() / "profiles" / "demo.toml").read_text()
 PAPER = (deploy_folder() / "paths" / "paper.toml").read_text()
@@ -27,7 +28,11 @@ def refusal(folder, *changes, path=""):
 
 def test_every_profile_of_the_house_loads():
     for file in (deploy_folder() / "profiles").glob("*.toml"):
-        assert load(file.stem).system.services
+        if file.stem == "two_hosts":  # the base of others
+            with pytest.raises(ConfigError, match=r"system.host = '': must be one of drone, ground, console$"):
+                load(file.stem)
+        else:
+            assert load(file.stem).system.services or load(file.stem).system.host == "console"
 
 
 @pytest.mark.parametrize("path", ["paper", "straight", "s_bend"])
@@ -48,6 +53,7 @@ def test_paths_and_people_combine(path, person):
         ("[world]", "[word]\nx = 1\n[world]", "word", "", "not a known key"),
         ("b_A_Ns_per_m = 2.4", "M_A_kg = 0.5\nb_A_Ns_per_m = 2.4", "px4_bridge.admittance.M_A_kg", "0.5", "0.9"),
         ("handle_mass_kg = 0.03", "handle_mass_kg = 0.08", "handle_mass_kg", "0.08", "0.05"),
+        ("capacity_J = 8.0", "capacity_J = 5.0", "px4_bridge.tank.capacity_J", "5.0", "at least 6.13 J"),
         ('"recorder", "simulator"', '"recorder", "simulater"', "system.services", "simulater", "tracker"),
         ("volume_max_m = [5.0, 3.0, 3.0]", "volume_max_m = [1.0, 3.0, 3.0]", "path.waypoints_m", "", "outside"),
     ],
@@ -118,3 +124,61 @@ def test_the_resolved_configuration_survives_its_file(tmp_path):
     again = load(str(tmp_path / "config.json"))
     assert isinstance(again, Config)
     assert again.model_dump() == config.model_dump()
+
+
+def test_a_profile_over_a_base_replaces_single_values_and_whole_lists(tmp_path):
+    file = tmp_path / "mine.toml"
+    file.write_text('base = "demo"\n[system]\nname = "mine"\nservices = ["tracker"]\n[tracker.handle]\nlost_s = 0.7\n')
+    mine, demo = load(str(file)), load("demo")
+    assert (mine.system.name, mine.system.services) == ("mine", ("tracker",))
+    assert mine.tracker.handle.lost_s == 0.7
+    assert mine.tracker.handle.tau_s == demo.tracker.handle.tau_s
+    file.write_text('base = "nowhere"\n')
+    with pytest.raises(ConfigError, match=r"mine.toml: base = nowhere: no such file"):
+        load(str(file))
+
+
+@pytest.mark.parametrize(
+    ("mine", "complaint"),
+    [
+        (
+            "[hosts.drone]\nservices = ['drone_gateway', 'trakcer']",
+            "mine.toml: hosts.drone.services: trakcer: must be one",
+        ),
+        ("[hosts.drone]\nservices = 'tracker'", "mine.toml: hosts.drone.services"),
+        ("[hosts.drone]\nservices = ['drone_gateway', 3]", "mine.toml: hosts.drone.services.1 = 3"),
+        (
+            "[hosts.drone]\nservices = ['drone_gateway', 'tracker']",
+            "mine.toml: hosts.drone.services: tracker runs twice",
+        ),
+        ("[radio]\nports = [7447, 0]", "mine.toml: radio.ports.1 = 0"),
+        ("[radio]\nnames = ['boss:me']", "mine.toml: radio.names: 'boss:me': must be role:name"),
+        ("", "ground.toml: system.host = 'moon'"),
+    ],
+)
+def test_a_fault_of_two_hosts_is_told_once_in_the_file_where_it_stands(tmp_path, mine, complaint):
+    ground = tmp_path / "ground.toml"
+    ground.write_text(f'base = "two_hosts"\n[system]\nhost = "{"ground" if mine else "moon"}"\n')
+    file = tmp_path / "mine.toml"
+    file.write_text(f'base = "{ground}"\n{mine}\n')
+    with pytest.raises(ConfigError) as told:
+        load(str(file))
+    assert str(told.value).startswith(f"{tmp_path}/{complaint}")
+    assert "\n" not in str(told.value)
+
+
+def test_a_fault_that_is_found_later_is_told_in_the_file_that_says_its_key(tmp_path):
+    file = tmp_path / "mine.toml"
+    file.write_text('base = "ground"\n')
+    for fault in ("radio.address = clew-ground: does not resolve", "radio.names: 0 names of role drone: must be one"):
+        with pytest.raises(ConfigError, match=rf"profiles/two_hosts.toml: {fault}$"), told_in(str(file)):
+            raise ConfigError(fault)
+    with pytest.raises(ConfigError, match=r"^/x/ca.pem: is missing$"), told_in(str(file)):
+        raise ConfigError("/x/ca.pem: is missing")
+
+
+def test_both_hosts_of_a_pair_agree_on_everything_but_which_they_are():
+    drone, ground = load("drone").model_dump(), load("ground").model_dump()
+    assert (drone["system"].pop("host"), ground["system"].pop("host")) == ("drone", "ground")
+    assert not set(drone["system"].pop("services")) & set(ground["system"].pop("services"))
+    assert drone == ground

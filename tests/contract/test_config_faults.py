@@ -11,15 +11,20 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from services.cli import app
-from services.config import DERIVED, ConfigError, deploy_folder, load
+from services.config import DERIVED, ConfigError, load
+from services.console.cli import app
+from services.profile_file import deploy_folder
 
 KINDS = {"profiles": "demo", "vehicles": "light", "people": "lets_go"}
 FILES = {
     folder: tomllib.loads((deploy_folder() / folder / f"{name}.toml").read_text()) for folder, name in KINDS.items()
 }
 WRONG = ({"zz": 1}, [1, "a"], float("nan"))
-OPTIONAL = {target for target, _, _ in DERIVED} | {"behaviour", "cable.d_c_Ns_per_m"}
+OPTIONAL = (
+    {target for target, _, _ in DERIVED}
+    | {"behaviour", "cable.d_c_Ns_per_m"}
+    | {f"recorder.{key}" for key in ("rotate_bytes", "rotate_s", "free_min_bytes")}
+)
 Key = tuple[str, ...]
 
 
@@ -74,7 +79,7 @@ def refused(folder: Path, kind: str, table: dict[str, Any]) -> tuple[Path, str]:
 def test_a_wrong_type_anywhere_is_refused_with_file_and_key(tmp_path: Path, kind: str) -> None:
     """No key is unchecked, none is a traceback; each kind of nonsense in its turn."""
     for n, key in enumerate(keys(FILES[kind])):
-        value = WRONG[n % len(WRONG)] if key not in {("system",), ("simulator", "autopilot", "px4")} else 3
+        value = WRONG[n % len(WRONG)] if key not in {("system",), ("px4_bridge", "px4")} else 3
         file, why = refused(tmp_path, kind, changed(FILES[kind], key, value))
         assert any(str(file) in line and key[-1] in line for line in why.splitlines()), f"{key} = {value}: {why}"
 
@@ -83,7 +88,7 @@ def test_a_wrong_type_anywhere_is_refused_with_file_and_key(tmp_path: Path, kind
 def test_a_missing_key_anywhere_is_refused_with_file_and_key(tmp_path: Path, kind: str) -> None:
     """One line; for a missing table one for it or for each key in it."""
     for key in keys(FILES[kind]):
-        if ".".join(key) in OPTIONAL or key[:3] == ("simulator", "autopilot", "px4"):
+        if ".".join(key) in OPTIONAL or key[:2] == ("px4_bridge", "px4"):
             continue
         file, why = refused(tmp_path, kind, changed(FILES[kind], key))
         lines = why.splitlines()
@@ -95,7 +100,7 @@ def test_a_missing_key_anywhere_is_refused_with_file_and_key(tmp_path: Path, kin
 def test_an_unknown_key_in_any_table_is_refused_with_file_and_key(tmp_path: Path, kind: str) -> None:
     tables = [(), *(key for key in keys(FILES[kind]) if isinstance(at(FILES[kind], key), dict))]
     for key in tables:
-        if key == ("simulator", "autopilot", "px4"):
+        if key == ("px4_bridge", "px4"):
             continue  # the autopilot's own names
         file, why = refused(tmp_path, kind, changed(FILES[kind], (*key, "colour"), 3))
         (line,) = why.splitlines()

@@ -1,10 +1,12 @@
 """Health is the word of the service's own loop: it beats while the loop turns, and only then."""
 
 import asyncio
+import socket
 
 import pytest
 
 from schemas.topics import HANDLE_STATE, HEALTH, OPERATOR
+from services.runtime import watchdog
 from services.runtime.memory_bus import MemoryBus
 from services.runtime.node import Node
 from services.runtime.virtual import VirtualClock, run_virtual
@@ -57,3 +59,29 @@ def test_a_rejection_is_seen_in_the_heartbeat():
             pass
 
     assert run_virtual(heartbeats(service, 1.0))[-1].rejected == {"handle/state": 1}
+
+
+def test_the_service_managers_watchdog_is_fed_by_the_loop_itself(tmp_path, monkeypatch):
+    async def turn(seconds: float):
+        async for tick in Node("tracker", MemoryBus(), VirtualClock()).ticks(100.0):
+            if tick.n >= 100.0 * seconds:
+                break
+
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
+        manager.bind(str(tmp_path / "notify"))
+        manager.setblocking(False)
+        monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
+        run_virtual(turn(3.2))
+        fed = 0
+        while True:
+            try:
+                assert b"WATCHDOG=1" in manager.recv(100)
+            except BlockingIOError:
+                break
+            fed += 1
+    assert fed == 7  # at once, then twice a second
+
+
+def test_a_service_manager_that_does_not_listen_stops_nobody(monkeypatch):
+    monkeypatch.setenv("NOTIFY_SOCKET", "@nobody")
+    watchdog.feed()

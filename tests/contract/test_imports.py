@@ -11,10 +11,32 @@ import pytest
 import schemas
 import services
 from schemas.topics import SERVICES
+from services.console.start import module_of
 
 ROOT = Path(__file__).parents[2]
-DEVICES = {"service", "sources", "vehicle", "vehicle_protocol", "mavlink", "mavlink_streams"}
-LAW_FOLDERS = ("tracker", "force_estimator", "guiding_controller", "safety_supervisor", "px4_bridge", "simulator")
+DEVICES = {
+    "service",
+    "sources",
+    "stage",
+    "ears",
+    "vehicle",
+    "vehicle_protocol",
+    "mavlink",
+    "mavlink_streams",
+    "wire",
+    "px4_hil",
+    "px4_process",
+    *("session", "start", "console", "refusals", "certs"),  # the gateway's
+}
+LAW_FOLDERS = (
+    "tracker",
+    "force_estimator",
+    "guiding_controller",
+    "safety_supervisor",
+    "px4_bridge",
+    "simulator",
+    "gateway",
+)
 LAWS = sorted(
     f"services.{folder}.{file.stem}"
     for folder in LAW_FOLDERS
@@ -57,6 +79,6 @@ def test_the_packages_are_this_repositorys(package):
 
 @pytest.mark.parametrize("name", SERVICES)
 def test_a_service_is_named_like_its_module(name):
-    run = importlib.import_module(f"services.{name}.service").run
+    run = importlib.import_module(module_of(name)).run
     assert inspect.iscoroutinefunction(run)
     assert list(inspect.signature(run).parameters) == ["node", "config"]

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from schemas.message import Vec3
-from schemas.safety import Action, OperatorRequest
-from schemas.topics import HANDLE_STATE, OPERATOR, REQUEST, TRUTH, VEHICLE_IMU
+from schemas.safety import Action, OperatorReply, OperatorRequest
+from schemas.topics import HANDLE_STATE, OPERATOR, REPLY, REQUEST, TRUTH, VEHICLE_IMU
 from schemas.tracking import HandleSource, HandleState
 from services.runtime.bus import MAX_PAYLOAD_bytes
 from services.runtime.memory_bus import MemoryBus
@@ -45,7 +45,8 @@ def test_what_is_published_is_what_is_read():
         await asyncio.sleep(1.0)
         sent = tracker.publisher(HANDLE_STATE).publish(HANDLE)
         await asyncio.sleep(0.001)
-        assert reader.message == sent == HANDLE.model_copy(update={"seq": 1, "stamp_ns": START_ns + 1_000_000_000})
+        header = {"seq": 1, "stamp_ns": START_ns + 1_000_000_000, "said_ns": START_ns + 1_000_000_000}
+        assert reader.message == sent == HANDLE.model_copy(update=header)
         assert reader.value is reader.message
         assert used(reader) == {"handle/state": 1}
         assert guiding.received == {"handle/state": 1}
@@ -221,8 +222,9 @@ def test_an_invalid_message_is_held_but_not_fresh():
 def test_what_comes_on_demand_is_never_stale():
     async def main():
         bus = MemoryBus()
-        reader = Node("safety_supervisor", bus, VirtualClock()).latest(REQUEST)
-        Node(OPERATOR, bus, VirtualClock()).publisher(REQUEST).publish(REQUESTED)
+        reader = Node(OPERATOR, bus, VirtualClock()).latest(REPLY)
+        answer = OperatorReply(request_id=1, accepted=True, text="phase takeoff")
+        Node("safety_supervisor", bus, VirtualClock()).publisher(REPLY).publish(answer)
         await asyncio.sleep(1000.0)
         assert reader.fresh
 

@@ -1,8 +1,9 @@
 """The paper's ideal world: the robot is where the filter's reference is, the person is a mass with a damper."""
 
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path as File
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from services.guiding_controller import guiding
 from services.guiding_controller.path import Path
 from services.guiding_controller.path_file import read
 from services.physics import Array, norm
-from services.px4_bridge import admittance
+from services.px4_bridge import admittance, tank
 
 PATHS = File(__file__).parents[2] / "deploy" / "paths"
 PLANE_Z = 1.0
@@ -27,8 +28,13 @@ FILTER = admittance.Admittance(
     b_slack_Ns_per_m=10.0,
     slack_keep_s=1.0,
 )
+TANK = tank.Tank(capacity_J=8.0, fade_J=0.5)
 M_H_KG, B_H_NS_PER_M = 5.0, 8.0
 YES, NO = np.array(True), np.array(False)
+
+
+Filter: TypeAlias = Callable[..., tuple[admittance.State, Array]]
+"""`admittance.step`, or what stands in its place."""
 
 
 class Walk(NamedTuple):
@@ -51,7 +57,7 @@ def person(p_H: Array, v_H: Array, f_c: Array, dt: float) -> tuple[Array, Array]
     return p_H + dt * v, v
 
 
-def walk(path: Path, duration_s: float, dt: float = 0.005) -> Walk:
+def walk(path: Path, duration_s: float, dt: float = 0.005, step: Filter = admittance.step) -> Walk:
     """A guided walk from the start of the path: guidance every 10 ms, filter, person and cable every `dt`."""
     p_H, v_H = path.p(0.0), np.zeros(3)
     state = admittance.engage(p_H + np.array([0.0, 0.0, 1.0]))
@@ -68,7 +74,7 @@ def walk(path: Path, duration_s: float, dt: float = 0.005) -> Walk:
         if k % every == 0:
             rows.append((np.array(k * dt), p_H, state.p, g_state.s, f_c, v_H, u_A))
         slack = norm(state.p - p_H) < 1.0 - 0.02
-        state, u_A = admittance.step(state, f_c, command, slack, dt, PLANE_Z + 1.1, FILTER)
+        state, u_A = step(state, f_c, command, slack, dt, PLANE_Z + 1.1, FILTER)
         p_H, v_H = person(p_H, v_H, f_c, dt)
     return Walk(*(np.stack(column) for column in zip(*rows, strict=True)))
 

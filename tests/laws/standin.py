@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from benchmarks.flight import load
+from services.config import load_vehicle
 from services.physics import GRAVITY_MPS2, Array, rotation_matrix
 from services.simulator import autopilot, quadrotor
 from services.simulator.autopilot import STEP_S, Answer, Autopilot, Input, Output, Pose, Sensors, Target
@@ -27,7 +27,7 @@ def parameters(**px4: float) -> Autopilot:
     return Autopilot(
         commander=Commander(check_period_s=0.02, loss_latency_s=0.3, proof_of_life_s=0.2),
         estimator=Estimator(bandwidth_rad_s=12.0, gate_m=0.2, rejection_s=1.5, dead_reckoning_s=4.7),
-        cascade=load("light")[1],
+        cascade=load_vehicle("light").cascade,
         idle_thrust=0.1,
         landed_thrust=0.5,
         landed_after_s=1.0,
@@ -47,7 +47,7 @@ class Standin:
 
     def __init__(self, p: Autopilot | None = None) -> None:
         self.p = p or parameters()
-        self.body = load("light")[0]
+        self.body = load_vehicle("light").quadrotor
         self.robot = quadrotor.at_rest(np.array([0.0, 0.0, self.body.gear_height_m]), self.body)
         self.state = autopilot.initial(self.robot.p_W, self.robot.q_WB_wxyz, self.p)
         self.sensors = Sensors(np.array([0.0, 0.0, GRAVITY_MPS2]), np.zeros(3), self.robot.q_WB_wxyz)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
@@ -223,3 +223,44 @@ def test_g8_the_tension_settles_at_f_z_less_the_bias(bias_N: float) -> None:
         f_c = cable.force(state.p, ZERO, state.v, ZERO, ideal.CABLE)
         state = law.step(state, f_c + np.array([0.0, 0.0, bias_N]), c, np.array(False), 0.004, NO_CEILING, P)[0]
     assert f_c[2] == pytest.approx(1.0 - bias_N, abs=0.01)
+
+
+def a_minute(dt: float, inputs: tuple[Array, Array, Array], wait: bool) -> Array:
+    """Where the reference is after 60 s of inputs (p_d, f_d, f_c) that change every 20 ms, and how often e_R saturates."""
+    state, saturated = law.engage(ZERO), 0
+    for p_d, f_d, f_c in zip(*inputs, strict=True):
+        c = law.wait(p_d, 0.4, P) if wait else law.guide(p_d, f_d, 1.0, P)
+        for _ in range(round(0.02 / dt)):
+            saturated += bool(np.hypot(*(p_d - state.p)[:2]) > P.e_R_max_m)
+            state = advance(state, f_c, c, dt)
+    return np.append(state.p, saturated * dt / 60.0)
+
+
+def wandering(seed: int, p_d_m: float, f_N: float) -> tuple[Array, Array, Array]:
+    """p_d, f_d and f_c for 60 s, each (3000, 3): sums of three sines for each axis."""
+    random, t = np.random.default_rng(seed), 0.02 * np.arange(3000)[:, None, None]
+    rate, phase = random.uniform(0.2, 2.0, (3, 3, 3)), random.uniform(0.0, 6.3, (3, 3, 3))
+    p_d, f_d, f_c = (size * np.sin(rate[i] * t + phase[i]).sum(-1) for i, size in enumerate((p_d_m, f_N, f_N)))
+    return p_d, f_d, f_c
+
+
+@settings(max_examples=2)
+@given(st.integers(0, 1000), st.booleans())
+def test_halving_dt_does_not_change_a_minute_while_the_spring_is_not_saturated(seed: int, wait: bool) -> None:
+    """Inputs held over 20 ms: 20, 4 and 2 ms steps end within 1e-9 m; the requirement is 1e-6."""
+    inputs = wandering(seed, 0.02, 0.05)
+    runs = [a_minute(dt, inputs, wait) for dt in (0.02, 0.004, 0.002)]
+    assert all(run[3] == 0.0 for run in runs)
+    assert runs[0] == pytest.approx(runs[1], abs=1e-9)
+    assert runs[1] == pytest.approx(runs[2], abs=1e-9)
+
+
+def test_a_saturated_spring_makes_the_minute_first_order_in_dt() -> None:
+    """The limit of the claim: with e_R saturated half the time, steps of 5 ms are 0.5 mm off, and halving halves that."""
+    inputs = wandering(1, 0.15, 0.3)
+    coarse, middle, fine = (a_minute(dt, inputs, wait=False) for dt in (0.01, 0.005, 0.0025))
+    assert fine[3] > 0.3
+    first, second = norm((coarse - middle)[:3]), norm((middle - fine)[:3])
+    print(f"saturated {100 * fine[3]:.0f} %: 10 to 5 ms {1e3 * first:.3f} mm, 5 to 2.5 ms {1e3 * second:.3f} mm")
+    assert 1e-6 < second < 1e-3
+    assert np.log2(first / second) == pytest.approx(1.0, abs=0.3)

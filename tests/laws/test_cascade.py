@@ -14,11 +14,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
-from benchmarks.flight import TICK_S, Flight, Vehicle, load
+from services.config import load_vehicle
 from services.physics import GRAVITY_MPS2, quaternion_product, rotation_matrix
-from services.simulator import cascade
+from services.simulator import cascade, flight
 from services.simulator.attitude import attitude_error, mix
 from services.simulator.cascade import Estimate, Setpoint
+from services.simulator.flight import SUBSTEPS, TICK_S, Latency, Vehicle
 from services.simulator.quadrotor import FORWARD, LEFT, SPIN
 
 SETTLING_S = 12.0
@@ -50,9 +51,9 @@ def circle(t: float) -> tuple[list[float], list[float], list[float]]:
 
 
 def as_flown() -> Vehicle:
-    vehicle = load("medium")
-    known = 1.02 * vehicle.control.hover_thrust
-    return vehicle._replace(control=dataclasses.replace(vehicle.control, acc_decouple=True, hover_thrust=known))
+    vehicle = load_vehicle("medium")
+    known = dataclasses.replace(vehicle.cascade, acc_decouple=True, hover_thrust=1.02 * vehicle.cascade.hover_thrust)
+    return dataclasses.replace(vehicle, cascade=known)
 
 
 def command(t: float) -> tuple[Setpoint, np.ndarray]:
@@ -72,12 +73,15 @@ def command(t: float) -> tuple[Setpoint, np.ndarray]:
 @pytest.fixture(scope="module")
 def errors() -> np.ndarray:
     """(ticks, 14, 3): truth minus set-point from t = 0 on, after the integrators have settled."""
-    flight = Flight(as_flown(), command(-1.0)[0].p_W, estimate_offset_W=(0.0, 0.05, 0.0))
+    vehicle, aside = as_flown(), np.array([0.0, 0.05, 0.0])
+    state = flight.hovering(command(-1.0)[0].p_W, vehicle, aside)
     log = []
     for tick in range(round((SETTLING_S + 13.0) / TICK_S)):
         setpoint, force = command(tick * TICK_S - SETTLING_S)
-        flight.tick(setpoint, lambda _, force=force: force)
-        log.append(flight.state.p_W - setpoint.p_W)
+        state = flight.steer(state, setpoint, vehicle, Latency(), aside)
+        for _ in range(SUBSTEPS):
+            state = flight.move(state, force, vehicle)
+        log.append(state.robot.p_W - setpoint.p_W)
     return np.array(log)[round(SETTLING_S / TICK_S) :]
 
 
@@ -124,7 +128,7 @@ def test_an_upward_push_displaces_it_as_px4(errors, late_s, measured_m):
 
 
 def control(**changes: object) -> cascade.Cascade:
-    return dataclasses.replace(load("medium").control, **changes)
+    return dataclasses.replace(load_vehicle("medium").cascade, **changes)
 
 
 def still(p_W: np.ndarray | None = None, yaw_rad: float = 0.0) -> Estimate:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from itertools import product
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from schemas.safety import Permit
 from schemas.vehicle import SetpointKind
 from services import cable
 from services.physics import Array, norm
-from services.px4_bridge import flight
+from services.px4_bridge import admittance, flight
 from services.px4_bridge.approach import Approach
 from services.px4_bridge.flight import Flight, Force, Guidance, Input, Output, Params, State
 from services.px4_bridge.setpoint import Limits
@@ -28,6 +28,7 @@ P = Params(
         ceiling_m=2.1,
         feed_forward_ramp_s=1.0,
         feed_forward_drop_s=0.2,
+        lead_s=0.15,
         ease_slack_m=0.05,
         hand_clear_m=0.85,
         follow_mps=1.0,
@@ -36,6 +37,7 @@ P = Params(
     ideal.FILTER,
     Approach(a_max_mps2=0.8, rate_per_s=1.0),
     Limits(a_xy_max_mps2=5.0, a_z_max_mps2=4.0, v_max_mps=1.5, step_max_m=0.05),
+    ideal.TANK,
 )
 DT = 0.008
 ZERO = np.zeros(3)
@@ -65,7 +67,7 @@ def after(state: State, x: Input, seconds: float) -> State:
 
 def guided(f_c: Array = WANTED) -> State:
     """In equilibrium, led by the paper's pull, everything ramped in."""
-    return after(flight.initial(LED), sight(Permit.GUIDE, f_c), 1.5)
+    return after(flight.initial(LED, P), sight(Permit.GUIDE, f_c), 1.5)
 
 
 # Which way of flying follows from what is known.
@@ -109,7 +111,7 @@ HISTORIES = st.lists(st.tuples(SIGHTS, st.integers(1, 40)), min_size=3, max_size
 @given(vectors(1.0), HISTORIES)
 def test_nothing_sent_jumps_whatever_changes(p_R: Array, history: list[tuple[Input, int]]) -> None:
     """Position within the step limit always, and by no more than the velocity's share while the filter is not cut short."""
-    state = flight.initial(p_R)
+    state = flight.initial(p_R, P)
     for x, ticks in history:
         for _ in range(ticks):
             before = state
@@ -131,7 +133,7 @@ FLYING_PERMITS = [Permit.POSITION, Permit.WAIT, Permit.GUIDE, Permit.EASE, Permi
 
 @pytest.mark.parametrize(("one", "other"), [(a, b) for a, b in product(FLYING_PERMITS, repeat=2) if a is not b])
 def test_a_change_begins_where_the_last_set_point_was(one: Permit, other: Permit) -> None:
-    state = after(flight.initial(LED), sight(one, WANTED), 0.7)
+    state = after(flight.initial(LED, P), sight(one, WANTED), 0.7)
     changed, output = flight.step(state, sight(other, WANTED), DT, P)
     speed = max(float(norm(state.filter.v)), float(norm(changed.filter.v)))
     assert norm(output.sent.p - state.p_sent) <= 1.5 * DT * speed + 1e-6
@@ -140,7 +142,7 @@ def test_a_change_begins_where_the_last_set_point_was(one: Permit, other: Permit
 
 def test_from_position_mode_the_filter_is_engaged_at_rest() -> None:
     """G9: at the last set-point sent, with v = 0."""
-    moving = after(flight.initial(ZERO), sight(Permit.POSITION), 1.0)
+    moving = after(flight.initial(ZERO, P), sight(Permit.POSITION), 1.0)
     assert norm(moving.filter.v) > 0.3
     engaged, _ = flight.step(moving, sight(Permit.WAIT, np.array([0.0, 0.0, 0.3])), DT, P)
     assert norm(engaged.filter.p - moving.p_sent) < 1e-3
@@ -157,7 +159,7 @@ def test_guiding_goes_on_from_ease_without_a_stop() -> None:
 
 @pytest.mark.parametrize(("permit", "to"), [(Permit.WAIT, 1.0), (Permit.EASE, 1.0), (Permit.POSITION, 0.0)])
 def test_the_feed_forward_is_ramped_in_one_second(permit: Permit, to: float) -> None:
-    state = flight.initial(LED) if to else guided()
+    state = flight.initial(LED, P) if to else guided()
     shares = [state.feed_forward, *(s.feed_forward for s, _ in fly(state, sight(permit, WANTED), 1.2))]
     assert shares[0] == 1.0 - to
     steps = np.abs(np.diff(shares))
@@ -169,10 +171,15 @@ def test_the_feed_forward_is_ramped_in_one_second(permit: Permit, to: float) -> 
 @given(vectors(2.0), st.sampled_from([Permit.WAIT, Permit.EASE]))
 @settings(max_examples=20)
 def test_the_force_goes_into_the_acceleration_with_the_same_sample(f_c: Array, permit: Permit) -> None:
-    """G2: a_sp = u_R + f_c/m_R once ramped in."""
-    state = after(flight.initial(START), sight(permit, ZERO), 1.2)
-    _, output = flight.step(state, sight(permit, f_c), DT, P)
-    assert output.sent.a == pytest.approx(output.u_R + f_c / P.flight.m_R_kg, abs=1e-9)
+    """G2: a_sp = u_R + f_c/m_R once ramped in, u_R horizontally as it will be after the vehicle's lag."""
+    state = after(flight.initial(START, P), sight(permit, ZERO), 1.2)
+    state, output = flight.step(state, sight(permit, f_c), DT, P)
+    fade = np.exp(-P.flight.lead_s * np.array(state.port.damping) / P.admittance.M_A_kg) * [1.0, 1.0, 0.0] + [
+        0.0,
+        0.0,
+        1.0,
+    ]
+    assert output.sent.a == pytest.approx(fade * output.u_R + f_c / P.flight.m_R_kg, abs=1e-9)
 
 
 # What the person feels when the system backs off: an ideal vehicle, a double integrator that holds to its set-point.
@@ -189,7 +196,7 @@ GAIN = 3.0  # rad/s of the vehicle's position loop, critically damped
 
 def back_off(permit_at: Callable[[float], Input], v_person: Array, seconds: float, settle_s: float = 4.0) -> Felt:
     """Led by the paper's pull until t = 0, then as told; from then on the person walks with `v_person` (ramped, 1 s)."""
-    dt, hand, state = 0.004, HAND, flight.initial(LED)
+    dt, hand, state = 0.004, HAND, flight.initial(LED, P)
     p_R, v_R = LED, ZERO
     rows: list[tuple[float, Array, float]] = []
     for n in range(round(-settle_s / dt), round(seconds / dt)):
@@ -276,9 +283,43 @@ def test_let_go_means_no_horizontal_force(f_c: Array, is_guided: bool) -> None:
     assert norm(hung.filter.v) < 1e-3
 
 
+def test_a_filter_that_makes_energy_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Five per cent more speed after each step than the law gives: the books do not close."""
+    sound = admittance.step
+
+    def faulty(*told: Any) -> tuple[admittance.State, Array]:
+        state, u_A = sound(*told)
+        return state._replace(v=1.05 * state.v), u_A
+
+    pushed = sight(Permit.GUIDE, WANTED + [0.5, 0.0, 0.0])
+    assert after(guided(), pushed, 1.0).port.balance.created_J < 1e-12
+    monkeypatch.setattr(admittance, "step", faulty)
+    assert after(guided(), pushed, 1.0).port.balance.created_J > 1e-3
+
+
+def test_each_engagement_begins_with_a_full_tank_and_only_that() -> None:
+    """Backing off and going on is the same walk: what was spent is spent."""
+    state = guided()
+    spent = state._replace(port=state.port._replace(tank=state.port.tank._replace(level_J=1.0)))
+    eased = after(spent, sight(Permit.EASE, WANTED), 0.5)
+    assert after(eased, sight(Permit.GUIDE, WANTED), 0.5).port.tank.level_J < 1.5
+    stale = after(spent, sight(Permit.GUIDE, fresh=False), 0.5)
+    assert after(stale, sight(Permit.GUIDE, WANTED), 0.5).port.tank.level_J < 1.5
+    flown = after(eased, sight(Permit.POSITION), 0.5)
+    assert after(flown, sight(Permit.WAIT), DT).port.tank.level_J == pytest.approx(P.tank.capacity_J, abs=1e-3)
+
+
+def test_an_empty_tank_leaves_the_height_and_takes_the_pull() -> None:
+    state = guided()
+    empty = state._replace(port=state.port._replace(tank=state.port.tank._replace(level_J=0.0)))
+    _, output = flight.step(empty, sight(Permit.GUIDE, WANTED), DT, P)
+    assert np.all(np.abs(output.u_A[:2]) < 1e-3)  # what the damping of the first sample gave back
+    assert output.u_A[2] == WANTED[2]
+
+
 def test_waiting_it_is_anchored_over_the_start() -> None:
     pushed = after(
-        flight.initial(START + [0.3, -0.2, 0.0]), sight(Permit.WAIT, np.array([0.0, 0.0, 0.3]), held=False), 25.0
+        flight.initial(START + [0.3, -0.2, 0.0], P), sight(Permit.WAIT, np.array([0.0, 0.0, 0.3]), held=False), 25.0
     )
     assert pushed.filter.p == pytest.approx(START, abs=0.01)
 
@@ -287,7 +328,7 @@ def test_waiting_it_is_anchored_over_the_start() -> None:
 @settings(max_examples=20)
 def test_the_filter_never_rises_above_the_ceiling(f_c: Array) -> None:
     for permit, held in product((Permit.WAIT, Permit.GUIDE, Permit.EASE), (True, False)):
-        state = after(flight.initial(np.array([0.0, 0.0, 2.0])), sight(permit, f_c, held=held), 0.8)
+        state = after(flight.initial(np.array([0.0, 0.0, 2.0]), P), sight(permit, f_c, held=held), 0.8)
         assert state.filter.p[2] <= P.flight.ceiling_m + 1e-9
 
 

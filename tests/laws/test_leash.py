@@ -42,7 +42,7 @@ def test_a_hand_only_pushes(p, v, v_H):
 @pytest.mark.parametrize("fresh", [True, False])
 def test_a_hand_that_rises_pushes_the_reference_ahead_of_it(kind, fresh):
     """At 0.7 m/s, in every way of flying in which somebody may be under it."""
-    state, hand = flight.initial(HAND + [0.0, 0.0, 1.0]), HAND.copy()
+    state, hand = flight.initial(HAND + [0.0, 0.0, 1.0], P), HAND.copy()
     nearest = np.inf
     for _ in range(round(0.8 / DT)):
         hand = hand + [0.0, 0.0, 0.7 * DT]
@@ -85,7 +85,7 @@ def test_hold_stands_and_asks_nothing_of_the_force():
 
 def test_a_vehicle_sent_away_does_not_drag_who_holds_on():
     state = after(
-        flight.initial(HAND + [0.0, 0.0, 0.95]),
+        flight.initial(HAND + [0.0, 0.0, 0.95], P),
         sight(Permit.POSITION)._replace(goal=HAND + [5.0, 0.0, 0.5], hand=STILL),
         12.0,
     )

@@ -34,6 +34,14 @@ def test_profile_pulls_until_the_end_and_not_there(profile: Trapezoid) -> None:
         assert f[0] == pytest.approx(profile.f_start_N)
 
 
+@given(PROFILES, st.floats(0.0, 1.0, exclude_max=True))
+def test_the_pull_is_positive_for_every_s_before_the_end(profile: Trapezoid, s: float) -> None:
+    """Down to the last number below 1; and continuous there, so that it ends without a step."""
+    assert 0.0 < maneuver.f_xy(s, profile) <= profile.f_max_N
+    assert maneuver.f_xy(float(np.nextafter(1.0, 0.0)), profile) > 0.0
+    assert maneuver.f_xy(1.0, profile) == 0.0
+
+
 @given(st.floats(0.0, 1.0), st.floats(0.2, 3.0), st.floats(20.0, 1000.0))
 def test_the_robot_at_its_place_carries_the_force_in_the_cable(s: float, f_z: float, k_c: float) -> None:
     path, p = ideal.paper_path_cached(), cable.Cable(rest_length_m=1.0, k_c_N_per_m=k_c)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from schemas.safety import Permit, Phase
 from schemas.vehicle import FlightMode
-from services.px4_bridge.orders import STREAM_FIRST_S, Order, kills, next_order, streams
+from services.px4_bridge.orders import STREAM_FIRST_S, Flown, Order, flown, kills, next_order, streams
 from services.px4_bridge.permits import effective
 
 # permits.effective
@@ -96,3 +96,33 @@ def test_motors_are_stopped_by_a_kill_alone_whatever_the_mode() -> None:
         if permit is Permit.KILL:
             assert not streams(permit, phase, armed, mode)
             assert next_order(permit, phase, armed, mode, 100.0) is Order.NOTHING
+
+
+# orders.flown
+
+TICKS = st.tuples(st.sampled_from(Permit), st.sampled_from(Phase), st.booleans(), st.sampled_from(FlightMode))
+
+
+@given(st.lists(TICKS, max_size=30))
+def test_an_autopilot_that_has_left_offboard_gets_no_set_point_before_a_new_take_off(ticks) -> None:
+    """PX4 takes a stream up again by itself, after a failsafe and when it disarms."""
+    so_far, has_left, flew = Flown.NOT_YET, False, False
+    for permit, phase, armed, mode in ticks:
+        so_far = flown(so_far, permit, phase, armed, mode)
+        anew = not armed and (permit, phase) == (Permit.POSITION, Phase.TAKEOFF)
+        has_left = not anew and (has_left or (flew and mode is not FlightMode.OFFBOARD))
+        flew = not anew and (flew or (armed and mode is FlightMode.OFFBOARD))
+        assert (so_far is Flown.LEFT) == has_left
+        assert not (has_left and streams(permit, phase, armed, mode, so_far))
+
+
+def test_a_flight_from_take_off_to_landing_and_the_next_one() -> None:
+    takeoff = (Permit.POSITION, Phase.TAKEOFF)
+    so_far = flown(Flown.NOT_YET, *takeoff, False, FlightMode.HOLD)
+    so_far = flown(so_far, *takeoff, False, FlightMode.OFFBOARD)
+    assert so_far is Flown.NOT_YET
+    so_far = flown(so_far, *takeoff, True, FlightMode.OFFBOARD)
+    assert so_far is Flown.OFFBOARD
+    so_far = flown(so_far, Permit.LAND, Phase.LANDING, True, FlightMode.LAND)
+    assert so_far is Flown.LEFT
+    assert flown(so_far, *takeoff, False, FlightMode.LAND) is Flown.NOT_YET

@@ -1,16 +1,23 @@
 """The path: smooth, by arc length; the projection: the nearest point, on the branch where the person is."""
 
+import math
 from functools import cache
+from typing import Any, cast
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from scipy.integrate import quad
+from scipy.interpolate import CubicSpline
+from scipy.optimize import brentq, minimize_scalar
 
+from services.guiding_controller import guiding
 from services.guiding_controller.path import Path, Trapezoid, project, through
 from services.guiding_controller.path_file import check, read
 from services.physics import Array, norm
 from tests.laws import ideal
+from tests.laws.strategies import vectors
 
 FORCE = Trapezoid(f_start_N=0.75, f_max_N=1.5, ramp_up_fraction=0.1, ramp_down_fraction=0.15)
 TURN = [(2.0 + 0.4 * np.sin(a), 0.4 - 0.4 * np.cos(a)) for a in np.linspace(0.0, np.pi, 7)]
@@ -62,6 +69,20 @@ def test_s_is_arc_length_to_a_millionth(offsets: list[float]) -> None:
     assert np.max(np.abs(np.append(0.0, np.cumsum(pieces)) / path.length_m - s)) < 1e-6
 
 
+@pytest.mark.parametrize("name", ["paper", "straight", "s_bend"])
+def test_the_files_paths_are_by_arc_length_to_a_millionth(name: str) -> None:
+    """Against adaptive quadrature of the spline's speed, which knows nothing of u(s)."""
+    path = read(ideal.PATHS / f"{name}.toml", 1.0)
+    knots = np.append(0.0, np.cumsum(np.hypot(*np.diff(path.waypoints_m, axis=0).T)))
+    spline = CubicSpline(knots / knots[-1], path.waypoints_m, bc_type="not-a-knot")
+    for s in np.linspace(0.05, 1.0, 8):
+        nearest: Any = minimize_scalar(
+            lambda u, s=s: float(np.hypot(*(spline(u) - path.p(s)[:2]))), bounds=(0.0, 1.0), options={"xatol": 1e-12}
+        )
+        arc = quad(lambda u: float(np.hypot(*spline(u, 1))), 0.0, nearest.x, epsabs=1e-10, limit=200)[0]
+        assert arc / path.length_m == pytest.approx(s, abs=1e-6)
+
+
 @given(SHAPE, st.floats(0.001, 0.999))
 def test_tangent_normal_and_curvature_are_derivatives(offsets: list[float], s: float) -> None:
     path, h = wavy(offsets), 1e-5
@@ -102,6 +123,63 @@ def test_batches_equal_single_calls_within_the_window(points: list[tuple[float, 
     together = project(p_H, path, np.full(len(points), guess), 0.5)
     assert together == pytest.approx([float(project(p, path, guess, 0.5)) for p in p_H])
     assert np.all(np.abs(together - guess) * path.length_m <= 0.5 + 1e-9)
+
+
+@given(SHAPE, st.floats(0.0, 1.0), st.floats(-1.0, 1.0), vectors(0.05, 2))
+def test_projection_is_continuous_within_reach_of_the_path(
+    offsets: list[float], s: float, aside: float, move: Array
+) -> None:
+    """Nearer than the radius of curvature R and half the way to the next branch: s* moves at most 1/(1 - d/R) as far."""
+    path = wavy(offsets)
+    radius = 1.0 / max(float(np.max(np.abs(path.curvature(np.linspace(0.0, 1.0, 1001))))), 1e-3)
+    far = 0.5 * min(radius, 0.3) * abs(aside) + float(norm(move))  # of either hand from the path, at most
+    assume(far < min(0.8 * radius, 0.5 * clearance(path)))
+    before = path.p(s) + 0.5 * min(radius, 0.3) * aside * path.normal(s)
+    moved = abs(float(project(before + np.append(move, 0.0), path)) - float(project(before, path))) * path.length_m
+    assert moved <= norm(move) / (1.0 - far / radius) + 2e-6
+
+
+def clearance(path: Path) -> float:
+    """Smallest distance between points further apart along the path than 0.9 m."""
+    p = path.p(np.linspace(0.0, 1.0, 151))[:, :2]
+    apart = np.abs(np.subtract.outer(np.arange(151), np.arange(151))) * path.length_m / 150 > 0.9
+    return float(np.min(norm(p[:, None] - p[None, :])[apart]))
+
+
+@settings(max_examples=10)
+@given(st.floats(0.1, 1.5))
+def test_between_two_legs_argmin_jumps_and_the_guard_does_not(x: float) -> None:
+    """G4: two hands 1 µm apart, on either side of the middle between the legs of a hairpin."""
+    path = hairpin()
+
+    def gap(y: float) -> float:
+        out, back = (brute_force(np.array([x, y, 1.0]), path, *half)[1] for half in ((0.0, 0.5), (0.5, 1.0)))
+        return out - back
+
+    y = cast(float, brentq(gap, 0.3, 0.5, xtol=1e-9))
+    hands = [np.array([x, y + side, 1.0]) for side in (-5e-7, 5e-7)]
+    free = [float(project(hand, path)) for hand in hands]
+    assert (free[1] - free[0]) * path.length_m > 1.2
+    for branch in free:
+        kept = [float(project(hand, path, branch, 0.5)) for hand in hands]
+        assert kept == pytest.approx([branch] * 2, abs=1e-5)
+
+
+def test_at_the_centre_of_a_bend_even_the_guard_jumps_and_guiding_walks() -> None:
+    """The limit of G4's guard: 0.4 m inside the bend every point of it is near; s* is then bounded by its rate only."""
+    path, around = hairpin(), np.array([2.0, 0.4, 1.0])
+    middle = float(project(around + [0.3, 0.0, 0.0], path))
+    hands = [
+        around + 1e-3 * np.array([np.cos(a), np.sin(a), 0.0]) for a in np.linspace(0.0, math.tau, 24, endpoint=False)
+    ]
+    jumps = [float(project(hand, path, middle, 0.5)) for hand in hands]
+    assert np.ptp(jumps) * path.length_m > 0.5
+    state = guiding.State(middle, 1.0)
+    for hand in hands:
+        before = float(state.s)
+        x = guiding.Input(hand, hand + [0.0, 0.0, 1.0], True, True)
+        state, _ = guiding.step(state, x, 0.01, path, ideal.GUIDING, ideal.CABLE)
+        assert abs(float(state.s) - before) * path.length_m <= ideal.GUIDING.s_rate_max_mps * 0.01 + 1e-12
 
 
 @given(st.floats(0.1, 1.5), st.floats(0.45, 0.7))

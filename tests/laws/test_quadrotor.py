@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from benchmarks.flight import load
+from services.config import load_vehicle
 from services.physics import GRAVITY_MPS2, integrate_attitude, norm, rotation_matrix
 from services.simulator import quadrotor
 from services.simulator.quadrotor import QuadrotorState
 
-P = load("medium").body
+P = load_vehicle("medium").quadrotor
 HOVER = P.mass_kg * GRAVITY_MPS2 / (4 * P.rotor_thrust_max_N)
 NOTHING = np.zeros(3)
 DT = 0.001

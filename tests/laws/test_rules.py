@@ -19,23 +19,26 @@ P = Limits(
     hand_clearance_m=0.6,
     bias_warn_N=0.3,
     bias_hold_N=0.6,
+    energy_created_warn_J=1e-6,
     age_ease_s=0.2,
     age_hold_s=1.0,
-    pose_apart_m=0.3,
-    pose_lost_s=2.0,
+    robot_apart_m=0.3,
+    robot_lost_s=2.5,
     stall_s=0.1,
     battery_warn_fraction=0.3,
     battery_land_fraction=0.15,
     release_s=0.8,
+    clock_uncertainty_max_s=0.05,
+    time_of_day_apart_max_s=1.0,
 )
 FINE = Facts(
     handle_age_s=0.0,
+    robot_pose_age_s=0.0,
     vehicle_age_s=0.0,
     force_age_s=0.0,
     guidance_age_s=0.0,
     setpoint_age_s=0.0,
-    pose_age_s=0.0,
-    pose_apart_m=0.0,
+    robot_apart_m=0.0,
     offboard=True,
     autopilot_lands=False,
     hand_force_N=0.0,
@@ -44,22 +47,29 @@ FINE = Facts(
     robot_outside_m=-1.0,
     above_ceiling_m=-0.5,
     bias_change_N=0.0,
+    energy_created_J=0.0,
+    tank_scale=1.0,
     battery_fraction=1.0,
     stall_s=0.0,
 )
-WORST = Facts(9.0, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0, False, True, 9.0, 0.0, 0.0, 1.0, 1.0, 9.0, 0.0, 9.0)
+WORST = Facts(
+    9.0, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0, False, True, 9.0, 0.0, 0.0, 1.0, 1.0, 9.0, 9.0, 0.0, 0.0, 9.0, 9.0, 9.0
+)
 DT = 0.05
 NAMES = {rule.name: rule for rule in RULES}
 # One value on either side of each limit: what breaks exactly this rule (and those that a graver case of it implies).
 CASES: dict[str, tuple[str, object, object, set[str]]] = {
+    "clocks_unknown": ("clock_uncertainty_s", 0.049, 0.051, set()),
+    "time_of_day": ("time_of_day_apart_s", 0.99, 1.01, set()),
     "vehicle_silent": ("vehicle_age_s", 0.19, 0.21, set()),
     "vehicle_lost": ("vehicle_age_s", 0.99, 1.01, {"vehicle_silent"}),
-    "robot_lost": ("pose_age_s", 1.99, 2.01, set()),
-    "robot_elsewhere": ("pose_apart_m", 0.29, 0.31, {"robot_gone"}),
-    "robot_gone": ("pose_apart_m", 0.29, 0.31, {"robot_elsewhere"}),
+    "robot_elsewhere": ("robot_apart_m", 0.29, 0.31, {"robot_gone"}),
+    "robot_gone": ("robot_apart_m", 0.29, 0.31, {"robot_elsewhere"}),
     "autopilot_lands": ("autopilot_lands", False, True, set()),
     "handle_hidden": ("handle_age_s", 0.19, 0.21, set()),
     "handle_lost": ("handle_age_s", 0.99, 1.01, {"handle_hidden"}),
+    "robot_hidden": ("robot_pose_age_s", 0.99, 1.01, set()),
+    "robot_lost": ("robot_pose_age_s", 2.49, 2.51, {"robot_hidden"}),
     "force_silent": ("force_age_s", 0.19, 0.21, set()),
     "guidance_silent": ("guidance_age_s", 0.19, 0.21, set()),
     "setpoints_silent": ("setpoint_age_s", 0.19, 0.21, set()),
@@ -73,6 +83,8 @@ CASES: dict[str, tuple[str, object, object, set[str]]] = {
     "outside": ("robot_outside_m", -0.01, 0.01, set()),
     "bias_moving": ("bias_change_N", 0.29, 0.31, set()),
     "bias_moved": ("bias_change_N", 0.59, 0.61, {"bias_moving"}),
+    "energy_created": ("energy_created_J", 0.9e-6, 1.1e-6, set()),
+    "tank_empty": ("tank_scale", 1.0, 0.99, set()),
     "battery_low": ("battery_fraction", 0.31, 0.29, set()),
     "battery_empty": ("battery_fraction", 0.16, 0.14, {"battery_low"}),
     "host_stall": ("stall_s", 0.09, 0.11, set()),
@@ -209,12 +221,12 @@ AGE, LENGTH = st.floats(0.0, 3.0), st.floats(-1.0, 2.0)
 FACTS = st.builds(
     Facts,
     handle_age_s=AGE,
+    robot_pose_age_s=AGE,
     vehicle_age_s=AGE,
     force_age_s=AGE,
     guidance_age_s=AGE,
     setpoint_age_s=AGE,
-    pose_age_s=AGE,
-    pose_apart_m=LENGTH,
+    robot_apart_m=LENGTH,
     offboard=st.booleans(),
     autopilot_lands=st.booleans(),
     hand_force_N=st.floats(0.0, 8.0),
@@ -223,10 +235,12 @@ FACTS = st.builds(
     robot_outside_m=LENGTH,
     above_ceiling_m=LENGTH,
     bias_change_N=st.floats(0.0, 1.0),
+    energy_created_J=st.floats(0.0, 1e-5),
+    tank_scale=st.floats(0.0, 1.0),
     battery_fraction=st.floats(0.0, 1.0),
     stall_s=st.floats(0.0, 0.3),
 )
-SMALL_IS_BAD = {"head_clearance_m", "hand_clearance_m", "battery_fraction", "offboard"}
+SMALL_IS_BAD = {"head_clearance_m", "hand_clearance_m", "battery_fraction", "offboard", "tank_scale"}
 
 
 def worse(a: Facts, b: Facts) -> Facts:

@@ -16,13 +16,13 @@ from schemas.safety import Action, Phase
 from schemas.topics import SAFETY_STATE, SETPOINT, TRUTH
 from schemas.vehicle import SetpointKind
 from services.config import Config
-from services.faults.quick import quick_config
-from services.operator import Operator, operator_node
+from services.console.operator import Operator, operator_node
+from services.console.start import bus_config, launch_all
+from services.rehearsal.quick import quick_config
 from services.runtime.clock import MonotonicClock
 from services.runtime.launcher import Launched
 from services.runtime.node import Node
 from services.runtime.zenoh_bus import open_bus
-from services.start import bus_config, launch_all
 from tests.system.demo_profile import free_port
 
 SLACK = (SetpointKind.EASE, SetpointKind.HOLD)
@@ -49,7 +49,7 @@ class Flown:
     def start_again(self, name: str) -> None:
         """As the launcher started it."""
         resolved = Path(self.config.session_dir) / "config.json"
-        command = [sys.executable, "-P", "-m", "services.cli", "run", "--profile", str(resolved), name]
+        command = [sys.executable, "-P", "-m", "services.console.cli", "run", "--profile", str(resolved), name]
         env = {**os.environ, "CLEW_DIE_WITH_PARENT": str(os.getpid())}
         self.again.append(name)
         self._starting = asyncio.create_task(self.launched.start(name, command, env))

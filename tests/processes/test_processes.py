@@ -14,7 +14,7 @@ from schemas.safety import Phase
 from schemas.topics import SAFETY_STATE, SETPOINT, TRUTH
 from tests.processes.flown import Flown, fly
 
-pytestmark = [pytest.mark.processes, pytest.mark.timeout(150)]
+pytestmark = [pytest.mark.faults, pytest.mark.timeout(150)]
 HOST_S = 1.0
 ON_THE_BUS = ("tracker", "force_estimator", "guiding_controller", "safety_supervisor")
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from schemas import topics
+from schemas.energy import EnergyBalance
 from schemas.estimation import CableForce, Tare
 from schemas.guidance import GuidanceCommand
 from schemas.health import Heartbeat
@@ -26,6 +27,7 @@ EPOCH_NS = 1_790_000_000_000_000_000
 MONOTONIC_NS = 4_000_000_000_000
 Sample = tuple[str, bytes, int]
 GOOD = Scenario()
+GUIDED_W = 0.2
 
 
 def samples(scenario: Scenario) -> list[Sample]:
@@ -76,6 +78,7 @@ class _Cast:
         yield topics.GUIDANCE, self.guidance()
         yield topics.SAFETY_STATE, self.safety()
         yield topics.SETPOINT, self.setpoint()
+        yield topics.ENERGY, self.energy()
         stamp: dict[str, Any] = {"seq": 1, "stamp_ns": _ns(np.array([w.start[Phase.TAKEOFF]]))[0]}
         yield topics.REQUEST, [OperatorRequest(**stamp, action=Action.START, operator="demo", request_id=7)]
         yield topics.REPLY, [OperatorReply(**stamp, request_id=7, accepted=True, text="starting")]
@@ -231,6 +234,32 @@ class _Cast:
                 age_s=0.003 + 0.002 * abs(np.sin(7.0 * t[i])),
             )
             for i, h in enumerate(self.heads(t, *used))
+        ]
+
+    def energy(self) -> list[Message]:
+        """Books that close: 0.2 W by guidance in phase 2, of which the cable takes half and damping the rest."""
+        w, t = self.world, self.at(topics.ENERGY, 0.004)
+        begin, end = w.start[Phase.GUIDING], w.start[Phase.ARRIVED]
+        guided = np.clip(t - begin, 0.0, end - begin) * GUIDED_W
+        made = np.where(t > begin + 2.0, w.scenario.made_J, 0.0)
+        flies = (t >= begin) & (t < end)
+        return [
+            EnergyBalance(
+                **h,
+                stored_J=made[i],
+                handed_J=0.0,
+                guidance_J=guided[i],
+                height_J=0.0,
+                cable_J=-0.5 * guided[i],
+                hand_J=0.0,
+                dissipated_J=0.5 * guided[i],
+                residual_J=-made[i],
+                created_J=made[i],
+                tank_J=8.0 - 0.5 * guided[i],
+                tank_scale=1.0,
+                damping_Ns_per_m=Vec3.of(2.4 * flies[i] * np.ones(3)),
+            )
+            for i, h in enumerate(self.heads(t, topics.CABLE_FORCE, topics.GUIDANCE, topics.SAFETY_STATE))
         ]
 
     def truth(self) -> list[Message]:

@@ -40,6 +40,8 @@ class Scenario:
     lands: bool = True
     slack_s: tuple[float, float] = (0.0, 0.0)
     """A stretch of phase 2, from its start, in which the cable is slack."""
+    made_J: float = 0.0
+    """Energy that the filter made out of nothing, 2 s into phase 2."""
     dropped: dict[str, set[int]] = field(default_factory=dict)
     """Seqs that never reached the recorder, by topic."""
 

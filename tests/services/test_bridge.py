@@ -8,7 +8,8 @@ import pytest
 from schemas.safety import Action, Permit, Phase
 from schemas.topics import (
     CABLE_FORCE,
-    HEALTH,
+    ENERGY,
+    GATEWAYS,
     MOCAP_FRAME,
     ROBOT_POSE,
     SAFETY_STATE,
@@ -20,10 +21,10 @@ from schemas.topics import (
 from schemas.vehicle import FlightMode, SetpointKind
 from services import cable
 from services.config import load
-from services.faults.chain import Stage, fly
-from services.faults.direct_vehicle import DirectVehicle
 from services.physics import norm
 from services.px4_bridge import service as px4_bridge
+from services.rehearsal.chain import Stage
+from services.rehearsal.direct_vehicle import DirectVehicle
 from services.simulator import service as simulator
 from tests.services.alone import (
     Alone,
@@ -36,6 +37,7 @@ from tests.services.alone import (
     since,
     verdict,
 )
+from tests.services.chain import check_balance, fly
 
 CONFIG = load("demo")
 HAND = CONFIG.guided_path.p(0.2)
@@ -55,8 +57,14 @@ HANGING = np.array([0.0, 0.0, CONFIG.px4_bridge.flight.handle_weight_N])
 class Flown:
     """The bridge on the stand-in autopilot, and the supervisor's and estimator's words as a test wants them."""
 
-    def __init__(self, safety: Feed, seconds: float, forces: Feed = lambda _: force(HANGING)) -> None:
-        self._seconds = seconds
+    def __init__(
+        self,
+        safety: Feed,
+        seconds: float,
+        forces: Feed = lambda _: force(HANGING),
+        cut_s: tuple[float, float] | None = None,
+    ) -> None:
+        self._seconds, self._cut_s = seconds, cut_s
         self.cancelled_at_s = np.inf
         self.after_cancel = 0
         self.said = alone(self._bridge, {SAFETY_STATE: safety, CABLE_FORCE: forces}, self._script)
@@ -70,7 +78,7 @@ class Flown:
         world = asyncio.create_task(simulator.play(stage.node("simulator"), CONFIG, self.vehicle))
         poses = asyncio.create_task(stage.repeat(ROBOT_POSE, lambda _: self._seen(stage)))
         try:
-            await asyncio.sleep(self._seconds)
+            await self._wait()
             assert stage.task
             stage.task.cancel()
             sent = len(self.vehicle.setpoints)
@@ -79,6 +87,15 @@ class Flown:
         finally:
             world.cancel()
             poses.cancel()
+
+    async def _wait(self) -> None:
+        """The connection may be cut for a while."""
+        begin_s, end_s = self._cut_s or (self._seconds, self._seconds)
+        await asyncio.sleep(begin_s)
+        self.vehicle.cut = begin_s < end_s
+        await asyncio.sleep(end_s - begin_s)
+        self.vehicle.cut = False
+        await asyncio.sleep(self._seconds - end_s)
 
     @staticmethod
     def _seen(stage: Alone):
@@ -142,6 +159,20 @@ def test_a_silent_supervisor_is_an_ease_then_a_landing(orphaned):
     assert since(orphaned.said, SETPOINT, landed_s + 0.6) == []
 
 
+def test_the_books_are_published_at_their_rate_and_close(forsaken):
+    """Whatever the filter's end: they stand still while it does not fly, and damping says so."""
+    books = forsaken.said[ENERGY.key]
+    assert rate_Hz(books) == pytest.approx(50.0, rel=0.02)
+    check_balance(books)
+    dead_s = DEAD_FROM_S + CONFIG.px4_bridge.link.force_silent_s + 0.03
+    after = since(forsaken.said, ENERGY, dead_s)
+    assert {m.cable_J for m in after} == {after[0].cable_J}
+    assert {m.damping_Ns_per_m.x for m in after} == {0.0}
+    waiting = [m for m in since(forsaken.said, ENERGY, WAITING_FROM_S + 0.05) if m.stamp_ns * 1e-9 - 1.0 < DEAD_FROM_S]
+    assert {m.damping_Ns_per_m.x for m in waiting} == {CONFIG.px4_bridge.admittance.b_free_Ns_per_m}
+    assert all(CABLE_FORCE.key in m.inputs for m in waiting)
+
+
 def test_set_points_end_with_the_service(orphaned):
     """Whatever ends it: nothing behind it repeats the last one."""
     assert orphaned.vehicle.setpoints
@@ -193,6 +224,16 @@ def test_a_force_names_itself_in_the_set_point_it_went_into(forsaken):
         assert m.age_s < 0.02
 
 
+def test_an_autopilot_that_left_offboard_is_not_flown_again_when_it_shows_offboard():
+    """After a failsafe's landing PX4 disarms and shows the mode that was asked for, with a heartbeat that is a second old."""
+    flown = Flown(lambda t: take_off(t) if t < 6.0 else verdict(Phase.HOLD, Permit.EASE), 18.0, cut_s=(6.0, 7.5))
+    modes = [m.mode for m in since(flown.said, VEHICLE_STATE, 6.0)]
+    assert FlightMode.LAND in modes
+    assert modes[-1] is FlightMode.OFFBOARD
+    assert not flown.said[VEHICLE_STATE.key][-1].armed
+    assert not since(flown.said, SETPOINT, 8.0)
+
+
 # simulator
 
 
@@ -226,7 +267,7 @@ def test_every_topic_is_said_by_its_publisher_at_the_rate_of_the_table():
 
     said = fly(CONFIG, script).said
     for topic in TOPICS:
-        if topic.rate_Hz and topic is not HEALTH["recorder"]:
+        if topic.rate_Hz and topic.publisher not in ("recorder", *GATEWAYS.values()):
             flying = [m for m in said[topic.key] if m.stamp_ns > 1.6e9]
             assert len(flying) >= 2, f"{topic.key} is not said"
             assert rate_Hz(flying) == pytest.approx(topic.rate_Hz, rel=0.1), topic.key

@@ -5,20 +5,27 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from schemas.safety import Action, Level, Permit, Phase
-from schemas.topics import CABLE_FORCE, HANDLE_STATE, MOCAP_FRAME, SETPOINT, TRUTH, Stance
-from schemas.tracking import HandleSource, MocapFrame
+from schemas.topics import CABLE_FORCE, ENERGY, HANDLE_STATE, MOCAP_FRAME, SETPOINT, TRUTH, Stance
+from schemas.tracking import HandleSource, MocapFrame, RigidBody
 from services.config import load
-from services.faults.chain import Flight, Stage, fly, until_guiding, whole
-from services.faults.quick import quick_config
+from services.console.cli import app
+from services.guiding_controller import maneuver
 from services.recorder import metrics
+from services.recorder.passivity import filter_books, physical_books, walk, worst
+from services.recorder.reading import read
+from services.rehearsal.chain import Flight, Stage, until_guiding
+from services.rehearsal.quick import quick_config
 from services.simulator.human import Event, Kind
+from tests.services.chain import fly
+from tests.services.record import record
 
 
 @pytest.fixture(scope="module")
-def flight() -> Flight:
-    return fly(load("demo"), whole)
+def flight(flown) -> Flight:
+    return flown[0]
 
 
 def vectors(messages, name):
@@ -76,6 +83,36 @@ def test_the_robot_follows_the_filter(flight):
     sent = flight.during(SETPOINT.key, Phase.GUIDING)
     error = vectors(sent, "position_m") - at(stamps(sent), flight.said[TRUTH.key], "robot_position_m")
     assert np.sqrt(np.mean(np.sum(error**2, axis=1))) < 0.04
+
+
+def test_the_walk_costs_no_more_than_its_path_and_never_feels_the_tank(flight):
+    """That the books close is checked in every flight, see chain.py."""
+    books, tank = flight.during(ENERGY.key, Phase.GUIDING), flight.config.px4_bridge.tank
+    assert all(m.tank_scale == 1.0 for m in flight.said[ENERGY.key])
+    assert books[0].tank_J == tank.capacity_J
+    assert tank.fade_J < books[-1].tank_J < tank.capacity_J - 0.8 * maneuver.work(flight.config.guided_path)
+    worked = books[0].cable_J - books[-1].cable_J
+    assert worked == pytest.approx(maneuver.work(flight.config.guided_path), rel=0.25), "the person was not led by this"
+
+
+def test_the_session_explains_itself(flight, tmp_path):
+    """V falls from the start's to nothing, as fast as Thm 2 to 4 say; what the true vehicle adds is little and told."""
+    session = read(record(tmp_path / "session.mcap", flight))
+    walked, filtered, physical = walk(session), filter_books(session), physical_books(session)
+    assert walked is not None
+    assert walked.V_J[0] > 30.0
+    assert np.min(walked.V_J) >= 0.0
+    assert walked.V_J[-1] < 0.02
+    apart = walked.observed_W - walked.predicted_W
+    assert metrics.rms(apart) < 0.02 * metrics.rms(walked.predicted_W)
+    assert worst(filtered.t_s, filtered.balance.residual_J).fall < 1e-9
+    assert worst(physical.t_s, physical.balance.residual_J).fall < 0.3
+    for name in ("guidance_J", "cable_J", "dissipated_J"):
+        true, seen = getattr(physical.balance, name)[-1], getattr(filtered.balance, name)[-1]
+        assert true == pytest.approx(seen, rel=0.1)
+    result = CliRunner().invoke(app, ["explain", str(tmp_path / "session.mcap")])
+    assert result.exit_code == 0, result.output
+    assert (tmp_path / "energy.png").stat().st_size > 10_000
 
 
 def test_the_propellers_stay_clear_of_the_head(flight):
@@ -184,3 +221,29 @@ def test_a_hidden_handle_is_replaced_by_the_cable_and_nobody_is_pulled_blindly()
     error = vectors(guessed, "position_m") - at(stamps(guessed), flight.said[TRUTH.key], "handle_position_m")
     assert np.max(np.linalg.norm(error, axis=1)) < 0.15
     assert worst_pull_after(flight, begin * 1e-9) < 2.5
+
+
+def test_a_vehicle_that_is_not_seen_pulls_no_more_and_then_goes_to_land():
+    """The autopilot's own position goes on after the last pose, and does not say that it counts for 4.7 s only."""
+    hidden = []
+
+    async def script(stage: Stage) -> None:
+        put = stage.bus.put
+
+        def hide(key: str, payload: bytes, stance: Stance) -> None:
+            if key == MOCAP_FRAME.key and hidden:
+                frame = MocapFrame.model_validate_json(payload)
+                payload = frame.model_copy(update={"robot": RigidBody(tracked=False)}).model_dump_json().encode()
+            put(key, payload, stance)
+
+        stage.bus.put = hide
+        await until_guiding(stage, for_s=3.0)
+        hidden.append(stage.operator.clock.now_ns())
+        await stage.until(lambda state: state.permit is Permit.EASE, 1.6)
+        await stage.until(lambda state: state.level is Level.LAND, 1.1)
+        await asyncio.sleep(1.0)
+
+    flight = fly(quick_config(), script)
+    (t_ns,) = hidden
+    assert worst_pull_after(flight, t_ns * 1e-9) < 2.5
+    assert worst_pull_after(flight, t_ns * 1e-9 + 2.5) < 1.0

@@ -7,10 +7,11 @@ import pytest
 from schemas.safety import Action, Level, OperatorReply, OperatorRequest, Permit, Phase
 from schemas.topics import REPLY, SAFETY_STATE, SETPOINT
 from schemas.vehicle import SetpointKind
-from services.faults.chain import Stage, fly, until_guiding
-from services.faults.quick import quick_config
-from services.operator import Operator
+from services.console.operator import Operator
+from services.rehearsal.chain import Stage, until_guiding
+from services.rehearsal.quick import quick_config
 from services.safety_supervisor.requests import Requests
+from tests.services.chain import fly
 
 
 def give(*actions: Action, kill: tuple[str, ...] = ()):

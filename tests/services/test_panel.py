@@ -9,7 +9,7 @@ from rich.console import Console
 
 from schemas import topics
 from schemas.safety import Level, SafetyState
-from services.panel import View, Watch, line, render
+from services.console.panel import View, Watch, line, render
 from services.runtime.memory_bus import MemoryBus
 from services.runtime.node import Node
 from services.runtime.virtual import VirtualClock, run_virtual

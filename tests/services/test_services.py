@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from schemas.estimation import Tare
+from schemas.message import TICK
 from schemas.safety import Action, OperatorRequest, Permit, Phase
 from schemas.topics import (
     CABLE_FORCE,
@@ -189,10 +190,10 @@ def test_a_hand_that_walks_takes_the_guidance_along():
     path = CONFIG.guided_path
     commands = commanded(lambda t_s: handle(path.p(0.2 + 0.05 * t_s)), guide)
     led = [m for m in commands if m.valid]
-    assert np.all(np.diff([m.s for m in led]) >= 0.0)
+    assert np.all(np.diff([m.s for m in led]) >= -1e-12)  # the projection's rounding
     assert led[-1].s == pytest.approx(0.2 + 0.05, abs=0.005)
     assert led[-1].scale == pytest.approx(1.0 / CONFIG.guiding_controller.ramp_s, abs=0.05)
-    assert set(led[-1].inputs) == {HANDLE_STATE.key, VEHICLE_STATE.key, SAFETY_STATE.key}
+    assert set(led[-1].inputs) == {HANDLE_STATE.key, VEHICLE_STATE.key, SAFETY_STATE.key, TICK}
     assert led[-1].f_d_N.array() == pytest.approx(1.5 * path.t_hat(led[-1].s) + [0, 0, 1.0], abs=0.01)
     assert rate_Hz(commands) == pytest.approx(GUIDANCE.rate_Hz, rel=0.02)
 
@@ -260,8 +261,13 @@ def asked(feeds: dict[Any, Feed], *actions: Action) -> Said:
 
 @pytest.mark.parametrize(
     ("missing", "why"),
-    [(HANDLE_STATE, "the handle is not seen"), (VEHICLE_STATE, "vehicle's state is stale"), (CABLE_FORCE, "force")],
-    ids=["handle", "vehicle", "force"],
+    [
+        (HANDLE_STATE, "the handle is not seen"),
+        (ROBOT_POSE, "the vehicle is not seen"),
+        (VEHICLE_STATE, "vehicle's state is stale"),
+        (CABLE_FORCE, "force"),
+    ],
+    ids=["handle", "robot", "vehicle", "force"],
 )
 def test_a_start_is_refused_with_the_reason(missing, why):
     said = asked({topic: feed for topic, feed in READY_FEEDS.items() if topic is not missing}, Action.START)
@@ -297,7 +303,7 @@ def test_a_verdict_names_what_it_was_made_of():
     said = asked(READY_FEEDS | {SETPOINT: lambda _: setpoint()}, Action.START)
     heard = {HANDLE_STATE, ROBOT_POSE, VEHICLE_STATE, CABLE_FORCE, SETPOINT, REQUEST}
     last = said[SAFETY_STATE.key][-1]
-    assert set(last.inputs) == {topic.key for topic in heard}
+    assert set(last.inputs) == {topic.key for topic in heard} | {TICK}
     for topic in heard:
         seqs = {m.seq: m.stamp_ns for m in said[topic.key]}
         age_s = (last.stamp_ns - seqs[last.inputs[topic.key]]) * 1e-9

@@ -16,12 +16,12 @@ from schemas.topics import GUIDANCE, HANDLE_STATE, MOCAP_FRAME, SETPOINT, TOPICS
 from schemas.tracking import HandleSource, HandleState, MocapFrame, RigidBody
 from schemas.vehicle import Setpoint, SetpointKind
 from services.config import load
+from services.console.report import show
 from services.recorder.figures import FIGURES, draw_all
 from services.recorder.latency import reactions
 from services.recorder.reading import read
 from services.recorder.summary import summarise
 from services.recorder.writer import SessionWriter
-from services.report import show
 from tests.services import synthetic, synthetic_world
 from tests.services.synthetic_world import Scenario
 

@@ -6,7 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from services.config import deploy_folder
+from services.profile_file import deploy_folder
 
 
 def free_port() -> int:
@@ -28,11 +28,17 @@ def write_profile(folder: Path, **changes: str) -> Path:
 
 
 def clew(folder: Path, *arguments: str) -> subprocess.Popen[str]:
-    """The command line, in a run folder of its own."""
+    """The command line, in a run folder of its own, with SIGINT ignored as a script's background jobs have it."""
     env = os.environ | {"CLEW_RUN_DIR": str(folder / "run")}
-    command = [sys.executable, "-P", "-m", "services.cli", *arguments]
+    command = [sys.executable, "-P", "-m", "services.console.cli", *arguments]
     return subprocess.Popen(
-        command, cwd=folder, env=env, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True
+        ["sh", "-c", 'trap "" INT; exec "$0" "$@"', *command],
+        cwd=folder,
+        env=env,
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
     )
 
 

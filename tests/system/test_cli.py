@@ -9,7 +9,9 @@ import time
 
 import pytest
 
-from schemas.topics import SERVICES
+from schemas.topics import NOTE
+from services.config import load
+from services.recorder.inspection import inspect
 from services.recorder.reading import read
 from tests.system.demo_profile import clew, free_port, run, write_profile
 
@@ -47,7 +49,7 @@ def test_status_names_every_service_and_what_limits_the_system(system):
             break
         ended = run(folder, "status", "--profile", profile)
     assert ended.returncode == 0, ended.stdout + ended.stderr
-    assert all(name in ended.stdout for name in SERVICES)
+    assert all(name in ended.stdout for name in load("demo").system.services)
     assert "phase idle" in ended.stdout
 
 
@@ -72,6 +74,14 @@ def test_an_unknown_topic_is_said(system):
     assert "no/topic" in ended.stderr
 
 
+def test_a_note_is_written_into_the_recording(system):
+    folder, profile, _ = system
+    assert run(folder, "note", "the cable lies well", "--profile", profile).returncode == 0
+    ended = run(folder, "note", "nobody listens")  # to the demo of the default name, which does not run here
+    assert ended.returncode == 1
+    assert "no recorder runs" in ended.stderr
+
+
 def test_a_second_system_of_the_name_is_refused(system):
     folder, profile, _ = system
     ended = run(folder, "up", profile)
@@ -89,6 +99,8 @@ def test_ctrl_c_stops_everything_and_the_recording_is_whole(system):
     assert recording.damage == ""
     assert recording.verdict.closed
     assert recording.verdict.lost == 0
+    assert [note.text for note in recording.messages(NOTE)] == ["the cable lies well"]
+    assert inspect(recording).complete
 
 
 def test_no_autopilot_is_said_by_name_and_everything_stops(tmp_path):

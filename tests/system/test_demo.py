@@ -6,7 +6,9 @@ import subprocess
 import pytest
 
 from schemas.topics import HEALTH, SETPOINT
+from services.console.rerun import config_with
 from services.recorder.reading import read
+from services.recorder.rerun import SUBJECTS, rerun
 from services.simulator.autopilot import STEP_S
 from tests.system.demo_profile import run, write_profile
 
@@ -53,13 +55,24 @@ def test_the_demo_flies_from_take_off_to_landing(demo):
 def test_it_leaves_figures_and_a_recording_that_names_causes(demo):
     folder, _ = demo
     session = folder / "sessions/latest"
-    for name in ("path.png", "time.png", "timing.png"):
+    for name in ("path.png", "time.png", "energy.png", "timing.png"):
         assert (session / name).stat().st_size > 10_000
     recording = read(session / "session.mcap")
     assert recording.damage == ""
     assert recording.verdict.closed
     sent = recording.messages(SETPOINT)
     assert any({"force/cable", "guidance/command", "safety/state"} <= set(m.inputs) for m in sent)
+
+
+@pytest.mark.parametrize("service", SUBJECTS)
+def test_its_services_say_the_same_bytes_when_they_run_again(demo, service):
+    """A loaded host misses periods and loses time between messages: all of that is in the recording."""
+    folder, _ = demo
+    file = folder / "sessions/latest/session.mcap"
+    session = read(file)
+    outcome = rerun(session, service, config_with(session, file, []))
+    assert outcome.first is None, str(outcome.first)
+    assert outcome.equal, outcome.notes
 
 
 def test_nothing_is_left_running(demo):

@@ -33,8 +33,8 @@ VEHICLE = telemetry.Vehicle(
     thrust_source=ThrustSource.ACTUATOR_OUTPUTS,
     max_thrust_N=15.7,
     motors=4,
-    actuator_min=0.0,
-    actuator_max=1.0,
+    actuator_min=1000.0,
+    actuator_max=2000.0,
     connection_timeout_s=0.5,
 )
 

@@ -4,8 +4,8 @@ import asyncio
 from collections.abc import Callable
 
 from schemas.safety import Phase
-from services.faults.chain import Stage
 from services.faults.fault import GUIDING, Moment
+from services.rehearsal.chain import Stage
 
 Act = Callable[[Stage], None]
 MOMENTS = (

@@ -6,10 +6,10 @@ from typing import Any
 
 from schemas.safety import Action
 from schemas.topics import CABLE_FORCE, GUIDANCE, HANDLE_STATE, SAFETY_STATE, VEHICLE_IMU, VEHICLE_STATE, Topic
-from services.faults import meddled_bus as bus
-from services.faults.chain import Stage
 from services.faults.fault import Fault, Group, Reaction
 from services.faults.rows.common import MOMENTS, Act
+from services.rehearsal import meddled_bus as bus
+from services.rehearsal.chain import Stage
 
 GROUND = (HANDLE_STATE, GUIDANCE, SAFETY_STATE)
 DRONE = (VEHICLE_STATE, CABLE_FORCE, VEHICLE_IMU)

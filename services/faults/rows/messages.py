@@ -5,10 +5,10 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from schemas.topics import CABLE_FORCE, GUIDANCE, HANDLE_STATE, SAFETY_STATE, VEHICLE_STATE, Topic
-from services.faults import meddled_bus as bus
-from services.faults.chain import Stage
 from services.faults.fault import Fault, Group, Reaction
 from services.faults.rows.common import Act
+from services.rehearsal import meddled_bus as bus
+from services.rehearsal.chain import Stage
 
 TOPICS: tuple[Topic[Any], ...] = (HANDLE_STATE, CABLE_FORCE, VEHICLE_STATE, GUIDANCE, SAFETY_STATE)
 WAYS: dict[str, tuple[str, Callable[[], bus.Meddle]]] = {

@@ -4,9 +4,9 @@ import itertools
 from collections.abc import Iterator
 
 from schemas.safety import Phase
-from services.faults.chain import Stage
 from services.faults.fault import GUIDING, Fault, Group, Moment, Reaction
 from services.faults.rows.common import MOMENTS, SINKS, Act, later
+from services.rehearsal.chain import Stage
 
 
 def processes() -> Iterator[Fault]:
@@ -63,7 +63,7 @@ def _after_death(name: str, phase: Phase) -> tuple[Reaction, float]:
     """What the death of a service must lead to in a phase."""
     if name == "tracker":  # the autopilot has no position any more
         engaged = phase in (Phase.READY, Phase.GUIDING, Phase.ARRIVED)
-        return (Reaction.EASE, 0.3) if engaged else (Reaction.LAND, 2.5)
+        return (Reaction.EASE, 0.3) if engaged else (Reaction.LAND, 3.0)
     if name == "force_estimator":
         return (Reaction.EASE, 0.2) if phase in (Phase.READY, Phase.GUIDING, Phase.ARRIVED) else (Reaction.ANY, 0.0)
     return (Reaction.EASE, 0.2) if phase in (Phase.GUIDING, Phase.ARRIVED) else (Reaction.ANY, 0.0)

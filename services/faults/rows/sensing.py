@@ -4,11 +4,11 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from schemas.topics import MOCAP_FRAME
-from services.faults import meddled_bus as bus
-from services.faults.chain import Stage
-from services.faults.direct_vehicle import Messages
 from services.faults.fault import Fault, Group, Reaction
 from services.faults.rows.common import SINKS, Act, later
+from services.rehearsal import meddled_bus as bus
+from services.rehearsal.chain import Stage
+from services.rehearsal.direct_vehicle import Messages
 
 
 def sensing() -> Iterator[Fault]:
@@ -23,7 +23,7 @@ def sensing() -> Iterator[Fault]:
         yield Fault(
             f"handle_jumps_{side}", S, about, Reaction.ANY, 0.0, _frames(_jump("handle", axis, by_m)), watch_s=6.0
         )
-    yield Fault("robot_lost", S, "motion capture loses the vehicle", Reaction.LAND, 2.5, _frames(_hidden("robot")), watch_s=9.0,
+    yield Fault("robot_lost", S, "motion capture loses the vehicle", Reaction.LAND, 3.0, _frames(_hidden("robot")), watch_s=9.0,
                 exempt=SINKS)  # fmt: skip
     yield Fault(
         "robot_and_handle_swapped",

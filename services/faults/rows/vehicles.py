@@ -4,9 +4,10 @@ from collections.abc import Iterator
 from typing import Any
 
 from schemas.safety import Phase
-from services.faults.chain import Stage
 from services.faults.fault import Fault, Group, Moment, Reaction
 from services.faults.rows.common import MOMENTS, SINKS, Act, later
+from services.rehearsal.chain import Stage
+from services.rehearsal.direct_vehicle import Messages
 from services.simulator.commander import Arm, Mode, SetOrigin, SetParameter, Switch
 
 
@@ -67,10 +68,13 @@ def _pilot(mode: Mode) -> Act:
 
 def _battery(percent: int) -> Act:
     def act(stage: Stage) -> None:
-        stage.flight.vehicle.garble = lambda messages: [
-            (name, {**fields, "battery_remaining": percent} if name == "BATTERY_STATUS" else fields)
-            for name, fields in messages
-        ]
+        def garble(messages: Messages) -> Messages:
+            return [
+                (name, {**fields, "battery_remaining": percent} if name == "BATTERY_STATUS" else fields)
+                for name, fields in messages
+            ]
+
+        stage.flight.vehicle.garble = garble
 
     return act
 

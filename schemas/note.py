@@ -1,0 +1,10 @@
+"""What a person wants to be read with the recording."""
+
+from schemas.message import Message
+
+
+class OperatorNote(Message):
+    """A remark, at the time it was made."""
+
+    operator: str
+    text: str

@@ -1,0 +1,76 @@
+"""How the session that owns the radio is set up: a router on mutual TLS, two links split by priority, thinned telemetry.
+
+Bulk has a TCP stream of its own, so that it never stands in front of a sample. The send buffers are small: what waits in
+the kernel when the radio goes is what arrives too late when it comes back.
+"""
+
+from typing import Any
+
+from schemas.topics import TOPICS
+from services.gateway.access import Services, access_control
+from services.gateway.certs import Credentials
+from services.gateway.radio import Radio
+from services.runtime.bus import MAX_PAYLOAD_bytes
+
+PRIORITIES = ("1-5", "6-7")
+SEND_BUFFER_bytes = 16_384, 4_096
+BATCH_bytes = 2_048
+"""What is handed to the kernel at a time: more stands in front of a sample for longer."""
+MESSAGE_MAX_bytes = 262_144
+"""Larger than any message of the table; a link that brings a larger one is closed."""
+
+
+def endpoints(radio: Radio, address: str) -> tuple[str, ...]:
+    """One for each priority range."""
+    return tuple(
+        f"tls/{address}:{port}?prio={range_}#so_sndbuf={buffer}"
+        for port, range_, buffer in zip(radio.ports, PRIORITIES, SEND_BUFFER_bytes, strict=True)
+    )
+
+
+def gateway(host: str, radio: Radio, services: Services, files: Credentials, prefix: str) -> dict[str, Any]:
+    """Zenoh's settings of the gateway of `host`, beyond a peer's."""
+    return _tls(files) | {
+        "mode": "router",
+        "transport/unicast/open_timeout": round(radio.connect_s * 1e3),
+        "listen/timeout_ms": -1,
+        "listen/exit_on_failure": False,
+        "transport/link/tls/listen_certificate": str(files.certificate),
+        "transport/link/tls/listen_private_key": str(files.key),
+        "access_control": access_control(host, radio.names, services, prefix),
+        "downsampling": [_downsampling(prefix)],
+        "low_pass_filter": [_low_pass(prefix)],
+    }
+
+
+def console(files: Credentials) -> dict[str, Any]:
+    """Of a person's machine that is neither host: a client of the ground's gateway."""
+    return _tls(files) | {"mode": "client"}
+
+
+def _tls(files: Credentials) -> dict[str, Any]:
+    return {
+        "transport/link/protocols": ["tls", "unixsock-stream"],
+        "transport/link/tx/batch_size": BATCH_bytes,
+        "transport/unicast/max_links": len(PRIORITIES),
+        "transport/unicast/compression/enabled": True,
+        "transport/link/rx/max_message_size": MESSAGE_MAX_bytes,
+        "transport/link/tls/enable_mtls": True,
+        "transport/link/tls/root_ca_certificate": str(files.ca),
+        "transport/link/tls/connect_certificate": str(files.certificate),
+        "transport/link/tls/connect_private_key": str(files.key),
+        "transport/link/tls/verify_name_on_connect": True,
+        "transport/link/tls/close_link_on_expiration": True,
+    }
+
+
+def _downsampling(prefix: str) -> dict[str, Any]:
+    """One rule for each key: keys that share a rule share its limiter."""
+    rules = [{"key_expr": prefix + topic.key, "freq": topic.radio_Hz} for topic in TOPICS if topic.radio_Hz]
+    return {"id": "radio", "link_protocols": ["tls"], "flows": ["egress"], "messages": ["put"], "rules": rules}
+
+
+def _low_pass(prefix: str) -> dict[str, Any]:
+    keys = [prefix + topic.key for topic in TOPICS]
+    limit: dict[str, Any] = {"id": "monsters", "link_protocols": ["tls"], "flows": ["ingress"], "messages": ["put"]}
+    return limit | {"key_exprs": keys, "size_limit": MAX_PAYLOAD_bytes}

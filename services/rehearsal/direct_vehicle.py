@@ -1,0 +1,226 @@
+"""A vehicle in process: the bridge's Vehicle on one side, the stand-in autopilot's Link on the other, no MAVLink.
+
+It speaks in the same messages as the real connection, so that decoding, masks and mode reports are the same; only the
+wire is missing. Time is the event loop's, so it runs on virtual time; what is sent takes `delay_s` each way. Heartbeats
+come with every step, so that orders are seen at once.
+"""
+
+import asyncio
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from schemas import frames
+from schemas.vehicle import FlightMode, ThrustSource
+from services.px4_bridge import telecommand, telemetry
+from services.px4_bridge.telemetry import ImuSample, Telemetry, VehicleSample
+from services.px4_bridge.vehicle_protocol import Vehicle, VehicleError
+from services.simulator.autopilot import Answer, AutopilotState, Input, Output, Pose, Sensors, Target
+from services.simulator.cascade import Setpoint
+from services.simulator.commander import Ack, Arm, Mode, Request, SetOrigin, SetParameter, Switch, Terminate
+from services.simulator.mavlink_streams import CUSTOM_MODE, has_begun, pwm_us
+
+Array = NDArray[np.float64]
+
+_MODES = {FlightMode.OFFBOARD: Mode.OFFBOARD, FlightMode.HOLD: Mode.HOLD, FlightMode.LAND: Mode.LAND}
+_ANSWER_S = 3.0
+Messages = list[tuple[str, telemetry.Fields]]
+Garble = Callable[[Messages], Messages]
+
+
+class DirectVehicle(Vehicle):
+    """Both ends at once: hand it to `px4_bridge.service.fly` and to `simulator.service.play`."""
+
+    def __init__(self, p: telemetry.Vehicle, now_ns: Callable[[], int], delay_s: float = 0.0) -> None:
+        self._p, self._now_ns, self._delay_s = p, now_ns, delay_s
+        self._telemetry = Telemetry(p)
+        self._imu_arrived, self._stepped = asyncio.Event(), asyncio.Event()
+        self._to_vehicle: list[Input] = []
+        self._waiting: dict[int, asyncio.Future[Ack]] = {}
+        self._px4: dict[str, int | float] = {}
+        self._tickets = 0
+        self._steps = 0
+        self.setpoints: list[Setpoint] = []
+        """All set-points that were sent."""
+        self.sent_ns: list[int] = []
+        """When each was."""
+        self.modes: list[tuple[int, Mode, bool]] = []
+        """The autopilot's mode and whether it is armed, from when on."""
+        self.cut = False
+        """While true nothing passes, in either direction."""
+        self.garble: Garble = lambda messages: messages
+        """What happens to the autopilot's messages on their way."""
+        self.refuses: tuple[type[Request], ...] = ()
+        """Requests that the autopilot denies."""
+        self.going = asyncio.Event()
+        """While it is not set, the process at the bridge's end stands still."""
+        self.going.set()
+
+    # The autopilot's side.
+
+    def receive(self) -> list[Input]:
+        inputs, self._to_vehicle = self._to_vehicle, []
+        return inputs
+
+    def send(self, state: AutopilotState, sensors: Sensors, output: Output) -> None:
+        self._steps += 1
+        messages = self.garble(_messages(state, sensors, self._steps, self._p))
+        told = (state.commander.mode, state.commander.armed)
+        if not self.modes or self.modes[-1][1:] != told:
+            self.modes.append((self._now_ns(), *told))
+        self._px4 = dict(state.px4)
+        self._pass(lambda: self._arrive(messages, output))
+
+    def _arrive(self, messages: Messages, output: Output) -> None:
+        for name, fields in messages:
+            self._telemetry.take(name, fields, self._now_ns())
+        for text in output.texts:
+            self._telemetry.take("STATUSTEXT", {"text": text}, self._now_ns())
+        for answer in output.answers:
+            self._settle(answer)
+        if self._telemetry.has_imu:
+            self._imu_arrived.set()
+        self._stepped.set()
+
+    def _settle(self, answer: Answer) -> None:
+        done = self._waiting.pop(answer.request.ticket, None)
+        if done is not None and not done.done():
+            done.set_result(answer.ack)
+
+    # The bridge's side.
+
+    @property
+    def sample(self) -> VehicleSample:
+        return self._telemetry.sample(self._now_ns())
+
+    async def wait_imu(self) -> None:
+        await self._imu_arrived.wait()
+        await self.going.wait()
+
+    def drain_imu(self) -> list[ImuSample]:
+        self._imu_arrived.clear()
+        return self._telemetry.drain()
+
+    def drain_texts(self) -> list[str]:
+        texts = list(self._telemetry.texts)
+        self._telemetry.texts.clear()
+        return texts
+
+    def send_setpoint(self, p_W: Array | None, v_W: Array | None, a_W: Array | None, yaw_rad: float | None) -> None:
+        telecommand.setpoint(p_W, v_W, a_W, yaw_rad)  # refuses what the wire would refuse
+        unset = np.full(3, np.nan)
+        p, v, a = (unset if vector is None else vector.copy() for vector in (p_W, v_W, a_W))
+        setpoint = Setpoint(p, v, a, np.array(np.nan if yaw_rad is None else yaw_rad))
+        self.setpoints.append(setpoint)
+        self.sent_ns.append(self._now_ns())
+        self._put(Target(setpoint))
+
+    def send_pose(self, p_W: Array, q_WB_wxyz: Array, stamp_ns: int) -> None:
+        self._put(Pose(p_W.copy()))
+
+    async def arm(self) -> None:
+        await self._order("arm", lambda ticket: Arm(True, ticket=ticket))
+        await self._shown("arm", lambda now: now.armed)
+
+    async def disarm(self) -> None:
+        await self._order("disarm", lambda ticket: Arm(False, ticket=ticket))
+        await self._shown("disarm", lambda now: not now.armed)
+
+    async def set_mode(self, mode: FlightMode) -> None:
+        telecommand.mode(mode)
+        await self._order(f"mode {mode.value}", lambda ticket: Switch(_MODES[mode], ticket))
+        await self._shown(f"mode {mode.value}", lambda now: now.mode is mode)
+
+    async def kill(self) -> None:
+        await self._order("kill", lambda ticket: Arm(False, force=True, ticket=ticket))
+        await self._shown("kill", lambda now: not now.armed)
+
+    async def terminate(self) -> None:
+        await self._order("flight termination", Terminate)
+
+    async def set_origin(self) -> None:
+        self._put(SetOrigin())
+
+    async def get_parameter(self, name: str) -> int | float:
+        if name not in self._px4:
+            raise VehicleError(f"parameter {name}: unknown")
+        return self._px4[name]
+
+    async def set_parameter(self, name: str, value: int | float) -> None:
+        await self._order(f"parameter {name} = {value}", lambda ticket: SetParameter(name, value, ticket))
+
+    async def _order(self, what: str, request: Callable[[int], Request]) -> None:
+        self._tickets += 1
+        done = self._waiting[self._tickets] = asyncio.get_running_loop().create_future()
+        asked = request(self._tickets)
+        if isinstance(asked, self.refuses):
+            raise VehicleError(f"{what}: denied by the autopilot")
+        self._put(asked)
+        try:
+            async with asyncio.timeout(_ANSWER_S):
+                ack = await done
+        except TimeoutError:
+            raise VehicleError(f"{what}: no answer within {_ANSWER_S:g} s") from None
+        if ack is not Ack.ACCEPTED:
+            raise VehicleError(f"{what}: {telecommand.RESULTS[int(ack)]} by the autopilot")
+
+    async def _shown(self, what: str, is_so: Callable[[VehicleSample], bool]) -> None:
+        try:
+            async with asyncio.timeout(_ANSWER_S):
+                while not is_so(self.sample):
+                    self._stepped.clear()
+                    await self._stepped.wait()
+        except TimeoutError:
+            raise VehicleError(f"{what}: acknowledged, but not seen within {_ANSWER_S:g} s") from None
+
+    def pilot(self, item: Input) -> None:
+        """What somebody else tells the autopilot: a pilot at the radio control, a ground station."""
+        self._to_vehicle.append(item)
+
+    def _put(self, item: Input) -> None:
+        self._pass(lambda: self._to_vehicle.append(item))
+
+    def _pass(self, deliver: Callable[[], None]) -> None:
+        if self.cut:
+            return
+        if self._delay_s > 0.0:
+            asyncio.get_running_loop().call_later(self._delay_s, deliver)
+        else:
+            deliver()
+
+
+def _messages(state: AutopilotState, sensors: Sensors, n: int, p: telemetry.Vehicle) -> Messages:
+    """What the wire would carry after the n-th step, at PX4's rates, inertial sample last."""
+    q = frames.q_ned_frd_from_enu_flu(sensors.q_WB_wxyz).tolist()
+    messages: Messages = [
+        (
+            "HEARTBEAT",
+            {"base_mode": 129 if state.commander.armed else 1, "custom_mode": CUSTOM_MODE[state.commander.mode]},
+        ),
+        ("EXTENDED_SYS_STATE", {"landed_state": 1 if state.ground.landed else 2}),
+        ("ATTITUDE_QUATERNION", dict(zip(("q1", "q2", "q3", "q4"), q, strict=True))),
+        _thrust(state, p),
+    ]
+    if n % 250 == 1:
+        messages.append(("BATTERY_STATUS", {"battery_remaining": round(100 * sensors.battery_fraction)}))
+    if n % 2 == 0 and has_begun(state):
+        messages.append(("LOCAL_POSITION_NED", {"time_boot_ms": int(1000 * state.t_s)} | _position(state)))
+    return [*messages, ("HIGHRES_IMU", _imu(state, sensors))]
+
+
+def _thrust(state: AutopilotState, p: telemetry.Vehicle) -> tuple[str, telemetry.Fields]:
+    if p.thrust_source is ThrustSource.ATTITUDE_TARGET:
+        return "ATTITUDE_TARGET", {"thrust": float(state.motors.mean())}
+    return "ACTUATOR_OUTPUT_STATUS", {"actuator": pwm_us(state)}
+
+
+def _position(state: AutopilotState) -> dict[str, float]:
+    position = frames.ned_from_enu(state.estimate.p_W).tolist() + frames.ned_from_enu(state.estimate.v_W).tolist()
+    return dict(zip(("x", "y", "z", "vx", "vy", "vz"), position, strict=True))
+
+
+def _imu(state: AutopilotState, sensors: Sensors) -> telemetry.Fields:
+    values = frames.frd_from_flu(np.array((sensors.specific_force_B, sensors.omega_B))).ravel().tolist()
+    names = ("xacc", "yacc", "zacc", "xgyro", "ygyro", "zgyro")
+    return {"time_usec": round(1e6 * state.t_s), "id": 0} | dict(zip(names, values, strict=True))

@@ -1,0 +1,94 @@
+"""What a gateway tells: who is connected, who was refused, and how far the clocks are apart, also when one begins anew."""
+
+import asyncio
+import json
+from collections.abc import Callable
+from contextlib import suppress
+
+from schemas.topics import RADIO_CLOCK
+from services.config import load
+from services.gateway import service
+from services.gateway.refusals import Refusals
+from services.gateway.service import Remotes
+from services.runtime.memory_bus import MemoryBus
+from services.runtime.node import Node
+from services.runtime.virtual import VirtualClock, run_virtual
+
+CONFIG = load("drone")
+WAY_s = 0.02
+
+
+class RadioMemoryBus(MemoryBus):
+    """A memory bus with the ground's clock at the far end of a radio."""
+
+    def __init__(self, lead_ns: int):
+        super().__init__()
+        self.lead_ns, self.up, self.clock = lead_ns, True, VirtualClock()
+
+    def ask(self, key: str, on_reply: Callable[[bytes, int], None], timeout_s: float) -> None:
+        def answer():
+            said = json.dumps([self.clock.now_ns() + self.lead_ns, 0]).encode()
+            loop.call_later(WAY_s, lambda: on_reply(said, self.clock.now_ns()))
+
+        loop = asyncio.get_running_loop()
+        if self.up:
+            loop.call_later(WAY_s, answer)
+
+    def remotes(self) -> dict[str, str]:
+        return {"1": "ground:ground"} if self.up else {}
+
+
+def test_the_drones_gateway_follows_the_grounds_clock_and_its_restart():
+    async def main():
+        bus = RadioMemoryBus(lead_ns=123_456_789_000)
+        clock = Node("px4_bridge", bus, VirtualClock(), observer=True).latest(RADIO_CLOCK)
+        running = asyncio.create_task(service.run(Node("drone_gateway", bus, VirtualClock()), CONFIG))
+        await asyncio.sleep(0.15)
+        assert clock.message is None or not clock.message.valid
+        await asyncio.sleep(3.0)
+        known = clock.message
+        assert known is not None
+        assert known.valid
+        assert known.up
+        assert abs(known.ground_minus_drone_ns - 123_456_789_000) <= 1000
+        assert WAY_s <= known.uncertainty_s < 1.1 * WAY_s
+        bus.up = False
+        await asyncio.sleep(30.0)
+        known = clock.message
+        assert known is not None
+        assert known.valid
+        assert not known.up
+        assert known.unanswered >= 55
+        assert known.uncertainty_s > WAY_s + 0.9 * 30.0 * 1e-4
+        bus.up, bus.lead_ns = True, 5_000_000_000
+        await asyncio.sleep(3.0)
+        known = clock.message
+        assert known is not None
+        assert abs(known.ground_minus_drone_ns - 5_000_000_000) <= 1000
+        assert known.connects == 2
+        running.cancel()
+        with suppress(asyncio.CancelledError):
+            await running
+
+    run_virtual(main())
+
+
+def test_strangers_and_twins_are_named():
+    assert CONFIG.radio is not None
+    watch = Remotes(CONFIG.radio)
+    assert watch.tell({}) == "radio: nobody"
+    assert watch.tell({"1": "ground:ground", "2": "viewer:screen"}) == "radio: ground:ground, viewer:screen"
+    assert "SHUT OUT, not in radio.names: viewer:old" in watch.tell({"1": "ground:ground", "3": "viewer:old"})
+    assert "TWO HOSTS are drone:drone: check system.host" in watch.tell({"1": "drone:drone", "2": "drone:drone"})
+    assert "TWO" not in watch.tell({"1": "operator:console", "2": "operator:console"})
+    assert watch.connects == 4
+
+
+def test_what_zenoh_says_of_a_refused_session_is_counted():
+    refusals = Refusals()
+    assert str(refusals) == ""
+    plain = "2026-11-24T19:35:58.331140Z  WARN rx-5 ThreadId(07) zenoh_link_tls::unicast: peer sent no certificates. Hint: x"
+    coloured = plain.replace("zenoh_link_tls::unicast:", "\x1b[2mzenoh_link_tls::unicast\x1b[0m\x1b[2m:\x1b[0m")
+    for line in (plain, coloured, "ERROR zenoh::api::session: Received Data for unknown expr_id: 1"):
+        refusals.note(line)
+    assert str(refusals) == "2 sessions refused (peer sent no certificates)"

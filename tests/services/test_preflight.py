@@ -1,0 +1,87 @@
+"""What stands against a flight: the list itself, and on the stand-in autopilot."""
+
+import asyncio
+import socket
+
+import pytest
+
+from services.config import load
+from services.console.preflight import look, preflight
+from services.px4_bridge.preflight import Found, differing, reasons
+from services.rehearsal.direct_vehicle import DirectVehicle
+from services.simulator import service as simulator
+from tests.services.alone import Alone, alone
+
+CONFIG = load("demo")
+WANTED = CONFIG.px4_bridge.px4
+
+
+def against(battery=0.9, armed=False, **changed):
+    parameters = {name: value for name, value in (WANTED | changed).items() if value is not None}
+    return reasons(Found(parameters, armed, battery), WANTED, 0.3)
+
+
+def test_a_vehicle_that_is_set_as_the_profile_wants_may_fly():
+    assert against() == []
+
+
+def test_a_wrong_parameter_is_told_with_both_values_and_what_it_does():
+    ((what, cure),) = against(COM_OBL_RC_ACT=0)
+    assert what.startswith("COM_OBL_RC_ACT = 0, the profile wants 4 (what it does then")
+    assert cure == "--fix sets it"
+
+
+def test_what_is_wrong_comes_in_the_order_in_which_to_mend_it():
+    listed = [what.split()[0] for what, _ in against(battery=0.1, armed=True, EKF2_EV_CTRL=0, MPC_USE_HTE=None)]
+    assert listed == ["the", "MPC_USE_HTE:", "EKF2_EV_CTRL", "battery"]
+
+
+@pytest.mark.parametrize(("found", "same"), [(0.01, True), (0.009999999776482582, True), (0.0101, False)])
+def test_a_float_is_compared_as_the_autopilot_keeps_it(found, same):
+    assert (differing({"EKF2_EVP_NOISE": found}, {"EKF2_EVP_NOISE": 0.01}) == {}) == same
+
+
+def preflights(*fixes):
+    """The lists of several looks in a row, on a stand-in whose MPC_USE_HTE is wrong."""
+    listed, vehicles = [], []
+    told = CONFIG.simulator.autopilot.px4 | {"MPC_USE_HTE": 1}
+
+    async def play(stage: Alone) -> None:
+        wrong = CONFIG.model_copy(deep=True)
+        wrong.simulator.autopilot.px4.update(told)
+        vehicles.append(DirectVehicle(CONFIG.px4_bridge.vehicle, stage.clock.now_ns))
+        await simulator.play(stage.node("simulator"), wrong, vehicles[0])
+
+    async def script(stage: Alone) -> None:
+        await asyncio.sleep(1.5)
+        for fix in fixes:
+            listed.append(await look(CONFIG, vehicles[0], fix=fix))
+
+    alone(play, {}, script)
+    return listed
+
+
+def test_fix_sets_what_differs_and_without_it_nothing_is_touched():
+    first, second, third = preflights(False, True, False)
+    assert [what.split()[0] for what, _ in first] == ["MPC_USE_HTE"]
+    assert second == []
+    assert third == []
+
+
+def test_without_an_autopilot_that_is_the_one_reason(tmp_path, capsys):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        url = f"udpin://127.0.0.1:{probe.getsockname()[1]}"
+    file = tmp_path / "alone.toml"
+    file.write_text(f'base = "demo"\n[px4_bridge.link]\nurl = "{url}"\ntimeout_s = 0.3\n')
+    assert preflight(str(file), fix=False) == 1
+    first, last = capsys.readouterr().out.splitlines()
+    assert (
+        first == f"1. no autopilot on {url} within 0.3 s: check power, cable, port and baud rate of px4_bridge.link.url"
+    )
+    assert last == "1 against a flight"
+
+
+def test_a_wrong_profile_is_told_before_anybody_is_asked(capsys):
+    assert preflight("nowhere", fix=False) == 2
+    assert "nowhere: no such file" in capsys.readouterr().err
