@@ -80,7 +80,8 @@ def physical_books(session: Session) -> Books:
     excess = np.where(flies, gained, 0.0) - (guidance + height + cable - lost_xy - lost_z)
     sums = (np.where(flies, 0.0, gained), guidance, height, cable, lost_xy + lost_z, np.maximum(excess, 0.0))
     balance = Balance(kinetic, *(_summed(x) for x in sums))
-    return Books(seen.t_s, balance._replace(handed_J=kinetic[0] + balance.handed_J))
+    unfelt = np.zeros_like(kinetic)  # what a hand near the vehicle did by its push was done to the reference alone
+    return Books(seen.t_s, balance._replace(handed_J=kinetic[0] + balance.handed_J, hand_J=unfelt))
 
 
 def walk(session: Session) -> Walk | None:
