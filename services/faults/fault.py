@@ -17,6 +17,7 @@ class Reaction(StrEnum):
     LET_GO = "no sideways force"
     EASE = "ease"
     HOLD = "hold"
+    HANDS_OFF = "no more set-points"
     LAND = "land"
     AUTOPILOT_LANDS = "autopilot lands"
     DISARMED = "motors off"

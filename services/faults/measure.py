@@ -123,6 +123,8 @@ def measure(fault: Fault, flight: Flight, begin_s: float) -> Result:
     """Everything about one flight that the fault began at `begin_s` of."""
     r = Record(flight, begin_s)
     eased_s = r.first(r.sent_s, r.sent, lambda m: m.kind in SLACK)
+    if fault.reaction is Reaction.HANDS_OFF:
+        eased_s = min(eased_s, reaction_s(fault, r))
     before_s, after = (r.sent_s <= 0.0) & (r.sent_s > -0.5), r.sent_s > 0.0
     held_before = (r.truth_s <= 0.0) & (r.truth_s > -0.5)
     reached = max((m.level for t, m in zip(r.state_s, r.states, strict=True) if t > 0.0), default=Level.OK)
@@ -189,6 +191,9 @@ def reaction_s(fault: Fault, r: Record) -> float:
             return min(eased, lands)
         case Reaction.HOLD:
             return min(held, lands)
+        case Reaction.HANDS_OFF:
+            last_s = r.sent_s[-1] if len(r.sent_s) else 0.0
+            return max(float(last_s), 0.0) if r.truth_s[-1] - last_s > CALM_S else NEVER
         case Reaction.LAND:
             clears = r.first(r.state_s, r.states, lambda m: m.phase in (Phase.CLEARING, Phase.LANDING))
             return min(lands, clears)

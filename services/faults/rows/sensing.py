@@ -67,6 +67,7 @@ def sensing() -> Iterator[Fault]:
 
 
 Body = dict[str, Any]
+IDLE_us = 1000.0  # of the motors' outputs
 
 
 def _frames(how: Callable[[dict[str, Any]], dict[str, Any]], for_s: float = 3.0) -> Act:
@@ -102,7 +103,7 @@ def _thrust(error: Callable[[float], float]) -> Act:
         def garble(messages: Messages) -> Messages:
             factor = 1.0 + error(stage.now_s - begin_s)
             return [
-                (name, {**fields, "actuator": [factor * u for u in fields["actuator"]]})
+                (name, {**fields, "actuator": [IDLE_us + factor * (u - IDLE_us) for u in fields["actuator"]]})
                 if name == "ACTUATOR_OUTPUT_STATUS"
                 else (name, fields)
                 for name, fields in messages

@@ -29,7 +29,13 @@ def vehicles() -> Iterator[Fault]:
         "arming_denied", V, "the autopilot refuses to arm", Reaction.STAYS_DOWN, 0.0, _refuses(Arm), ground, 6.0
     )
     yield Fault(
-        "pilot_takes_over", V, "a pilot switches to Hold by radio control", Reaction.HOLD, 0.6, _pilot(Mode.HOLD)
+        "pilot_takes_over",
+        V,
+        "a pilot switches to Hold by radio control",
+        Reaction.HANDS_OFF,
+        0.2,
+        _pilot(Mode.HOLD),
+        exempt={"calm": "the pilot flies, stiffly"},
     )
     yield Fault("pilot_lands", V, "a pilot switches to Land by radio control", Reaction.LAND, 0.1, _pilot(Mode.LAND), watch_s=12.0,
                 exempt=SINKS)  # fmt: skip
