@@ -8,7 +8,7 @@ demo: .venv/.ready
 	$(BIN)/clew demo
 
 test: .venv/.ready
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest --numprocesses=auto --no-loadscope-reorder
 
 # Real processes killed, stopped, starved, in real time: about 6 minutes on a machine that does nothing else.
 test-faults: .venv/.ready
