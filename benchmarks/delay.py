@@ -22,7 +22,7 @@ from schemas.safety import Action, Phase
 from services.config import Config, load
 from services.recorder.reading import Session
 from services.recorder.summary import summarise
-from tests.services.chain import Stage
+from services.rehearsal.chain import Stage
 from tests.services.two_hosts import Radio, fly_as
 
 DELAYS_ms = (0.0, 50.0, 100.0, 150.0, 200.0, 250.0, 300.0, 350.0, 400.0, 450.0, 500.0)
@@ -113,7 +113,7 @@ def draw(walks: list[Walk], refused_ms: float | None, file: Path) -> None:
             axes.axvspan(refused_ms, x[-1], alpha=0.12, color="0.3", label="refused by the profile")
         axes.grid(alpha=0.3)
         axes.legend(loc="upper left", fontsize=8)
-    figure.savefig(file, dpi=110)
+    figure.savefig(file, dpi=110)  # pyright: ignore[reportUnknownMemberType]
 
 
 def show(walks: list[Walk], starts: dict[float, bool]) -> None:
