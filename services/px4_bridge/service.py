@@ -228,6 +228,8 @@ def _imu(sample: ImuSample) -> VehicleImu:
         q_WB_wxyz=Quaternion.of(sample.q_WB_wxyz),
         thrust_N=sample.thrust_N,
         thrust_source=sample.thrust_source,
+        throttle_mean=sample.throttle.mean,
+        throttle_square_mean=sample.throttle.square,
     )
 
 
@@ -244,6 +246,7 @@ def _vehicle_state(sample: VehicleSample) -> VehicleState:
         velocity_mps=Vec3.of(sample.v_W),
         q_WB_wxyz=Quaternion.of(sample.q_WB_wxyz),
         battery_fraction=sample.battery_fraction,
+        battery_V=sample.battery_V,
     )
 
 

@@ -28,6 +28,7 @@ RATES_Hz = {  # message: number and rate, of which the ones that are listened to
     "HIGHRES_IMU": (105, 250.0),
     "BATTERY_STATUS": (147, 1.0),
     "EXTENDED_SYS_STATE": (245, 10.0),
+    "ESC_STATUS": (291, 250.0),
     "ACTUATOR_OUTPUT_STATUS": (375, 250.0),
     "CURRENT_MODE": (436, 50.0),
 }
