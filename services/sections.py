@@ -48,8 +48,6 @@ class Tracker:
     handle: Filter
     robot: Filter
     fallback_force_min_N: Positive
-    handle_offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """From the origin of the handle's marker body to O_H, in that body."""
 
 
 @parameters

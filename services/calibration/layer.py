@@ -18,7 +18,7 @@ _TARGETS = {  # where a value goes in the profile
         for name in ("max_thrust_N", "thrust_curve", "thrust_error", "voltage_exponent", "reference_V", "rpm_max")
     },
     "mass": {"m_R_kg": ("px4_bridge.flight.m_R_kg", "px4_bridge.admittance.M_A_kg", "force_estimator.observer.m_R_kg")},
-    "handle": {"offset_m": ("tracker.handle_offset_m",)},
+    "handle": {"offset_m": ("tracker.mocap.handle.offset_m",)},
     "delay": {"delay_s": ("px4_bridge.px4.EKF2_EV_DELAY",)},
 }
 _FACTORS = {"delay_s": 1000.0}  # PX4 has it in milliseconds
@@ -46,10 +46,15 @@ def lay_over(data: dict[str, Any], file: Path) -> dict[str, Path]:
     told, chosen = get(data, "calibration.thrust.thrust_source"), get(data, "px4_bridge.vehicle.thrust_source")
     if told not in (None, chosen):
         raise ConfigError(f"{file}: thrust.thrust_source = {told}: must be the profile's, px4_bridge.vehicle: {chosen}")
-    found = targets(data["calibration"])
+    found = {key: value for key, value in targets(data["calibration"]).items() if _applies(data, key)}
     for key, value in found.items():
         put(data, key, value, over=True)
     return dict.fromkeys(found, file)
+
+
+def _applies(data: dict[str, Any], key: str) -> bool:
+    """Markers are a real capture system's alone."""
+    return not key.startswith("tracker.mocap.") or get(data, "tracker.mocap") is not None
 
 
 def calibration_file(profile: str) -> Path | None:

@@ -5,10 +5,10 @@ import numpy as np
 from schemas.estimation import CableForce
 from schemas.message import Vec3
 from schemas.topics import CABLE_FORCE, HANDLE_STATE, MOCAP_FRAME, ROBOT_POSE, VEHICLE_STATE
-from schemas.tracking import HandleSource, HandleState, MocapFrame, RigidBody, RobotPose
+from schemas.tracking import HandleSource, HandleState, MocapFrame, RobotPose
 from schemas.vehicle import VehicleState
 from services.config import Config
-from services.physics import Array, rotate
+from services.physics import Array
 from services.runtime.node import Node, used
 from services.runtime.readers import Latest
 from services.tracker import filtering
@@ -30,17 +30,11 @@ async def run(node: Node, config: Config) -> None:
         robot, seen = filtering.step(robot, frame.robot.position_m.array(), frame.robot.tracked, dt, p.robot)
         if seen.valid and seen.sample in (filtering.Sample.ACCEPTED, filtering.Sample.RESTART):
             robots.publish(_pose(frame, origin))
-        hand, found = filtering.step(hand, _o_h(frame.handle, p.handle_offset_m), frame.handle.tracked, dt, p.handle)
+        hand, found = filtering.step(hand, frame.handle.position_m.array(), frame.handle.tracked, dt, p.handle)
         message = _seen(found, p.handle.tau_s) if found.valid else _guessed(vehicle, force, config)
         node.status = f"handle by {message.source}, robot {filtering.Sample(int(seen.sample)).name.lower()}"
         inputs = origin | ({} if message.source is HandleSource.MOCAP else used(vehicle, force))
         handles.publish(message.model_copy(update={"stamp_ns": frame.stamp_ns, "inputs": inputs}))
-
-
-def _o_h(handle: RigidBody, offset_m: tuple[float, float, float]) -> Array:
-    """O_H from the pose of the handle's markers, (3,) m."""
-    at = handle.position_m.array()
-    return at + rotate(handle.q_WB_wxyz.array(), np.array(offset_m)) if any(offset_m) else at
 
 
 def _pose(frame: MocapFrame, inputs: dict[str, int]) -> RobotPose:

@@ -56,7 +56,6 @@ def test_what_was_measured_is_what_flies(profile):
     assert config.px4_bridge.flight.m_R_kg == config.force_estimator.observer.m_R_kg == 0.83
     assert config.px4_bridge.admittance.M_A_kg == 0.83
     assert config.vehicle.quadrotor.mass_kg == 0.8, "the simulated vehicle is what it is"
-    assert config.tracker.handle_offset_m == (0.01, 0.0, -0.04)
     assert config.px4_bridge.px4["EKF2_EV_DELAY"] == pytest.approx(12.5)
     assert config.calibration.thrust == THRUST
 
