@@ -82,7 +82,7 @@ GUIDANCE        = Topic("guidance/command",  GuidanceCommand, "guiding_controlle
 SAFETY_STATE    = Topic("safety/state",      SafetyState,     "safety_supervisor",  ("px4_bridge", "guiding_controller", "force_estimator", "simulator"), 50.0, _T, True, "phase, level, permit, reasons")
 SETPOINT        = Topic("setpoint/sent",     Setpoint,        "px4_bridge",         ("safety_supervisor",),        125.0, _S, True, "what the autopilot was told", radio_Hz=25.0)
 ENERGY          = Topic("energy/balance",    EnergyBalance,   "px4_bridge",         ("safety_supervisor",),         50.0, _T, True, "energy through the filter's ports, and the tank")
-REQUEST         = Topic("@cmd/request",      OperatorRequest, OPERATOR,             ("safety_supervisor",),          0.0, _C, True, "a person's command", lifetime_s=1.0)
+REQUEST         = Topic("@cmd/request",      OperatorRequest, OPERATOR,             ("safety_supervisor", "px4_bridge"), 0.0, _C, True, "a person's command", lifetime_s=1.0)
 REPLY           = Topic("safety/reply",      OperatorReply,   "safety_supervisor",  (OPERATOR,),                     0.0, _T, True, "the answer to it")
 NOTE            = Topic("operator/note",     OperatorNote,    OPERATOR,             (),                              0.0, _T, True, "a person's remark, for the recording")
 TRUTH           = Topic("sim/truth",         Truth,           "simulator",          (),                            100.0, _B, True, "the simulated world as it is")

@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 Fields: TypeAlias = dict[str, Any]
 
 AUTOPILOT = 1
+FORCED = 21196.0  # MAVLink's second parameter of a disarming that asks no questions
 SET_MODE, TERMINATE, ARM, SET_INTERVAL = 176, 185, 400, 511
 MODE_NUMBERS = {FlightMode.OFFBOARD: (6, 0), FlightMode.HOLD: (4, 3), FlightMode.LAND: (4, 6)}
 RESULTS = {1: "temporarily rejected", 2: "denied", 3: "unsupported", 4: "failed", 6: "cancelled"}

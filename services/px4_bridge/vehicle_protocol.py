@@ -55,6 +55,10 @@ class Vehicle(Protocol):
         """Enter OFFBOARD, HOLD or LAND. Raises ValueError for any other."""
         ...
 
+    async def kill(self) -> None:
+        """Disarm at once, in the air too; it can be armed again."""
+        ...
+
     async def terminate(self) -> None:
         """Stop the motors at once, in the air too, for good."""
         ...

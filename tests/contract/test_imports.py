@@ -18,6 +18,7 @@ DEVICES = {
     "service",
     "sources",
     "stage",
+    "ears",
     "vehicle",
     "vehicle_protocol",
     "mavlink",

@@ -16,13 +16,13 @@ from services.gateway.service import Comparison
 from services.px4_bridge import service as bridge
 from services.recorder import service as recorder
 from services.recorder.walk import CONFIG_ATTACHMENT
+from services.rehearsal.chain import MAVLINK_DELAY_S, ON_THE_BUS_ONLY, Flight, Stage
+from services.rehearsal.direct_vehicle import DirectVehicle
+from services.rehearsal.quick import quicker
 from services.runtime.memory_bus import MemoryBus
 from services.runtime.node import Node
 from services.runtime.virtual import VirtualClock, run_virtual
 from services.simulator import service as simulator
-from tests.services.chain import MAVLINK_DELAY_S, ON_THE_BUS_ONLY, Flight, Stage
-from tests.services.direct_vehicle import DirectVehicle
-from tests.services.quick import quicker
 
 LEAD_ns = 5_000_000_000_000
 ONE_WAY_S = 0.002, 0.03
