@@ -24,7 +24,7 @@ from services.config import Config, load
 from services.console.start import bus_config
 from services.physics import GRAVITY_MPS2, Array
 from services.px4_bridge import service as bridge
-from services.px4_bridge.telemetry import ImuSample, VehicleSample
+from services.px4_bridge.telemetry import Checks, ImuSample, VehicleSample
 from services.px4_bridge.thrust import Throttle
 from services.runtime.clock import MonotonicClock
 from services.runtime.launcher import launch
@@ -90,7 +90,17 @@ class Hovering:
     async def arm(self) -> None:
         pass
 
-    disarm = kill = terminate = set_origin = arm
+    disarm = kill = terminate = set_origin = ask_version = arm
+
+    @property
+    def checks(self) -> Checks:
+        return Checks()
+
+    async def arming_problems(self) -> list[str]:
+        return []
+
+    async def get_parameters(self) -> dict[str, int | float]:
+        return {}
 
     async def set_mode(self, mode: FlightMode) -> None:
         pass

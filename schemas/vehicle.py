@@ -27,6 +27,13 @@ class VehicleImu(Message):
     """Of the squares of these shares."""
 
 
+class VehicleParameters(Message):
+    """The autopilot's own parameters, by its names, as they were when the bridge had connected to it."""
+
+    integers: dict[str, int]
+    reals: dict[str, float]
+
+
 class FlightMode(StrEnum):
     """The autopilot's modes that matter here."""
 

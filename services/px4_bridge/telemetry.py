@@ -32,6 +32,7 @@ _MODES = {
     4 << 16 | 6 << 24: FlightMode.LAND,
 }
 _NO_CELL = 65535
+_PREARM = 1 << 28
 _POSITION_TIMEOUT_NS = 500_000_000
 _FALLBACK_NS = 1_000_000_000  # a vehicle's clock that jumps back by more has been restarted
 _CLOCK_LEAK = 1e-4
@@ -78,6 +79,19 @@ class VehicleSample(NamedTuple):
     """0: not known."""
 
 
+class Checks(NamedTuple):
+    """What is looked at before a flight: MAV_AUTOPILOT, MAV_TYPE, the version (zeros: not told), and what it says of itself."""
+
+    autopilot: int = 0
+    vehicle_type: int = 0
+    version: tuple[int, int, int] = (0, 0, 0)
+    ready: bool = False
+    """Its checks before arming pass, in one bit (SYS_STATUS)."""
+    horizontal_m: float = math.inf
+    vertical_m: float = math.inf
+    """Standard deviations of its position."""
+
+
 class Position(NamedTuple):
     """One LOCAL_POSITION_NED in W; m, m/s."""
 
@@ -121,6 +135,7 @@ class Telemetry:
         self._arrival_ns = 0
         self._armed, self._in_air, self._mode = False, False, FlightMode.OTHER
         self._battery_fraction, self._battery_V = 0.0, 0.0
+        self.checks = Checks()
         self.heartbeats, self.statuses = 0, 0
         """How often it has been heard, and how often it has told its mode."""
         self.dropped = 0
@@ -133,6 +148,9 @@ class Telemetry:
             "EXTENDED_SYS_STATE": self._take_landed_state,
             "BATTERY_STATUS": self._take_battery,
             "STATUSTEXT": self._take_text,
+            "SYS_STATUS": self._take_readiness,
+            "ESTIMATOR_STATUS": self._take_accuracy,
+            "AUTOPILOT_VERSION": self._take_version,
             "LOCAL_POSITION_NED": self._take_position,
             "ATTITUDE_QUATERNION": self._take_attitude,
             "HIGHRES_IMU": self._take_imu,
@@ -194,6 +212,7 @@ class Telemetry:
     def _take_heartbeat(self, fields: Fields, _arrival_ns: int) -> None:
         self._take_mode(fields, _arrival_ns)
         self._armed = bool(fields["base_mode"] & _ARMED)
+        self.checks = self.checks._replace(autopilot=fields.get("autopilot", 0), vehicle_type=fields.get("type", 0))
         self.heartbeats += 1
 
     def _take_mode(self, fields: Fields, _arrival_ns: int) -> None:
@@ -210,6 +229,18 @@ class Telemetry:
 
     def _take_text(self, fields: Fields, _arrival_ns: int) -> None:
         self.texts.append(fields["text"])
+
+    def _take_readiness(self, fields: Fields, _arrival_ns: int) -> None:
+        self.checks = self.checks._replace(ready=bool(fields["onboard_control_sensors_health"] & _PREARM))
+
+    def _take_accuracy(self, fields: Fields, _arrival_ns: int) -> None:
+        stated = (fields["pos_horiz_accuracy"], fields["pos_vert_accuracy"])
+        horizontal_m, vertical_m = (math.inf if x is None or math.isnan(x) else float(x) for x in stated)
+        self.checks = self.checks._replace(horizontal_m=horizontal_m, vertical_m=vertical_m)
+
+    def _take_version(self, fields: Fields, _arrival_ns: int) -> None:
+        packed = fields["flight_sw_version"]
+        self.checks = self.checks._replace(version=(packed >> 24 & 255, packed >> 16 & 255, packed >> 8 & 255))
 
     def _take_position(self, fields: Fields, arrival_ns: int) -> None:
         stamp_ns = self._time.stamp_ns(1_000_000 * fields["time_boot_ms"], arrival_ns)
