@@ -10,7 +10,6 @@ it is acknowledged.
 
 import asyncio
 import logging
-import socket
 from collections import deque
 from collections.abc import AsyncGenerator, Callable
 from contextlib import asynccontextmanager
@@ -28,21 +27,24 @@ from pydantic_core import from_json, to_json
 
 from schemas.vehicle import FlightMode
 from services.px4_bridge import telecommand, telemetry
+from services.px4_bridge.port import refuse_used
 from services.px4_bridge.telecommand import AUTOPILOT, Fields
 from services.px4_bridge.telemetry import Checks, ImuSample, Telemetry, VehicleSample
 from services.px4_bridge.vehicle_protocol import Vehicle, VehicleError
 
 Array = NDArray[np.float64]
 
+_TIMESYNC = "TIMESYNC"
 _ALL_PARAMETERS_S = 60.0  # a thousand of them, over a slow link
-
 _log = logging.getLogger(__name__)
 
 
 class MavsdkVehicle(Vehicle):
     """A Vehicle by MAVSDK; made by `connect`."""
 
-    def __init__(self, system: Any, p: telemetry.Vehicle, now_ns: Callable[[], int], answer_s: float) -> None:
+    def __init__(
+        self, system: Any, p: telemetry.Vehicle, now_ns: Callable[[], int], answer_s: float, *, tell_time: bool
+    ) -> None:
         self._now_ns, self._answer_s = now_ns, answer_s
         self._loop = asyncio.get_running_loop()
         self._telemetry = Telemetry(p)
@@ -53,7 +55,8 @@ class MavsdkVehicle(Vehicle):
         self._system, self._events = system, cast(Events | None, None)
         self._system_id: int = system.get_system_id()
         self._direct, self._parameters = MavlinkDirect(system), Param(system)
-        for name in self._telemetry.messages:
+        self._wanted = (*self._telemetry.messages, *([_TIMESYNC] if tell_time else []))
+        for name in self._wanted:
             self._direct.subscribe_message(name, self._on_message)
 
     @classmethod
@@ -65,20 +68,24 @@ class MavsdkVehicle(Vehicle):
         now_ns: Callable[[], int],
         timeout_s: float = 10.0,
         answer_s: float = 3.0,
+        *,
+        tell_time: bool = False,
     ) -> AsyncGenerator["MavsdkVehicle", None]:
         """Connected to the autopilot behind `url`: udpin://host:port, serial:///dev/name:baud or tcpout://host:port.
 
-        Waits `timeout_s` for the autopilot and `answer_s` for each of its answers; stamps come from `now_ns`. Raises
-        VehicleError when the port is in use, the URL is no good or no autopilot appears.
+        Waits `timeout_s` for the autopilot and `answer_s` for each of its answers; stamps come from `now_ns`. With
+        `tell_time` the autopilot is told this clock, so that it dates poses by their stamps and not by their arrival.
+        Raises VehicleError when the port is in use, the URL is no good or no autopilot appears.
         """
-        _refuse_used_port(url)
+        refuse_used(url)
         mavsdk.log_subscribe(_on_log)
         library = Mavsdk(Configuration.create_with_component_type(ComponentType.COMPANION_COMPUTER))
         try:
             result = library.add_any_connection(url)
             if result is not ConnectionResult.SUCCESS:
                 raise VehicleError(f"cannot open {url}: {result.name.lower().replace('_', ' ')}")
-            vehicle = cls(await _first_autopilot(library, url, timeout_s), p, now_ns, answer_s)
+            system = await _first_autopilot(library, url, timeout_s)
+            vehicle = cls(system, p, now_ns, answer_s, tell_time=tell_time)
             await vehicle._request_rates()
             yield vehicle
         finally:
@@ -202,7 +209,7 @@ class MavsdkVehicle(Vehicle):
 
     async def _request_rates(self) -> None:
         for name, (number, rate_Hz) in telecommand.RATES_Hz.items():
-            if name in self._telemetry.messages:
+            if name in self._wanted:
                 interval = telecommand.command(telecommand.SET_INTERVAL, number, 1e6 / rate_Hz)
                 try:
                     await self._command(f"rate of {name}", interval)
@@ -246,13 +253,20 @@ class MavsdkVehicle(Vehicle):
         statuses = self._telemetry.statuses
         while self._inbox:
             name, text, arrival_ns = self._inbox.popleft()
-            self._telemetry.take(name, from_json(text, cache_strings="keys"), arrival_ns)
+            fields = from_json(text, cache_strings="keys")
+            if name == _TIMESYNC:
+                self._tell_time(fields, arrival_ns)
+            self._telemetry.take(name, fields, arrival_ns)
         if self._telemetry.has_imu:
             self._imu_arrived.set()
         if self._telemetry.statuses > statuses:
             self._status.set()
         if self._telemetry.heartbeats > heartbeats > 0 and not was_connected:
             self._renewal = asyncio.create_task(self._renew_rates())
+
+    def _tell_time(self, asked: Fields, arrival_ns: int) -> None:
+        if not asked["tc1"]:
+            self._send(_TIMESYNC, telecommand.our_time(asked, arrival_ns))
 
 
 def _message(name: str, fields: Fields) -> MavlinkMessage:
@@ -262,19 +276,6 @@ def _message(name: str, fields: Fields) -> MavlinkMessage:
 def _settle(done: asyncio.Future[Any], result: Any) -> None:
     if not done.done():
         done.set_result(result)
-
-
-def _refuse_used_port(url: str) -> None:
-    """MAVSDK shares a UDP port with whoever has it already, and then each gets a part of the messages."""
-    scheme, _, address = url.partition("://")
-    host, _, port = address.partition(":")
-    if scheme not in ("udpin", "udp") or not port.isdigit():
-        return
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.bind((host, int(port)))
-        except OSError as error:
-            raise VehicleError(f"cannot open {url}: port {port} is in use ({error.strerror})") from error
 
 
 async def _first_autopilot(library: Mavsdk, url: str, timeout_s: float) -> Any:
