@@ -19,7 +19,6 @@ import mavsdk
 import numpy as np
 from mavsdk import ComponentType, Configuration, ConnectionResult, LogLevel, Mavsdk
 from mavsdk.plugins.events import Events, EventsError
-from mavsdk.plugins.events import LogLevel as EventLevel
 from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkDirectResult, MavlinkMessage
 from mavsdk.plugins.param import Param, ParamError, ParamResult
 from numpy.typing import NDArray
@@ -34,7 +33,7 @@ from services.px4_bridge.vehicle_protocol import Vehicle, VehicleError
 
 Array = NDArray[np.float64]
 
-_TIMESYNC = "TIMESYNC"
+_TIMESYNC, _WARNING = "TIMESYNC", 4  # the latter by syslog's levels
 _ALL_PARAMETERS_S = 60.0  # a thousand of them, over a slow link
 _log = logging.getLogger(__name__)
 
@@ -151,7 +150,7 @@ class MavsdkVehicle(Vehicle):
         except EventsError as error:
             raise VehicleError(f"arming checks: {error.result.name.lower()}") from None
         mode = report.current_mode_intention
-        grave = [p.message for p in mode.problems if p.log_level <= EventLevel.WARNING]
+        grave = [p.message for p in mode.problems if p.log_level <= _WARNING]
         return [] if mode.can_arm_or_run else grave or [f"cannot arm in mode {mode.mode_name}"]
 
     async def get_parameters(self) -> dict[str, int | float]:
