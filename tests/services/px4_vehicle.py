@@ -185,6 +185,12 @@ class Px4Vehicle(Vehicle, Pilot):
     def checks(self) -> Checks:
         return self._telemetry.checks
 
+    async def ask_version(self) -> None:
+        self.order(telecommand.command(telecommand.REQUEST, telecommand.VERSION))
+
+    async def arming_problems(self) -> list[str]:
+        raise VehicleError("arming checks: not asked for on virtual time")
+
     async def get_parameters(self) -> dict[str, int | float]:
         raise VehicleError("parameters: not asked for on virtual time")
 

@@ -75,7 +75,7 @@ def test_a_real_vehicle_wants_a_calibrated_thrust(thrust, told):
 def test_a_profile_that_would_fly_on_or_climb_again_is_told_too(name, value):
     wrong = WANTED | {name: value}
     ((what, _),) = reasons(SOUND._replace(parameters=wrong), RIGHT._replace(parameters=wrong))
-    assert what.startswith(f"the profile's {name} = {value:g}: must be")
+    assert what.startswith(f"the profile's {name} = {value}: must be")
 
 
 def test_a_vehicle_that_is_set_as_the_profile_wants_may_fly():
