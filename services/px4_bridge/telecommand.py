@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 Fields: TypeAlias = dict[str, Any]
 
 AUTOPILOT = 1
+TOLD_ENOUGH = 600  # answers to TIMESYNC: PX4 believes us after 500, and leaves out those that took long
 FORCED = 21196.0  # MAVLink's second parameter of a disarming that asks no questions
 SET_MODE, TERMINATE, ARM, SET_INTERVAL = 176, 185, 400, 511
 MODE_NUMBERS = {FlightMode.OFFBOARD: (6, 0), FlightMode.HOLD: (4, 3), FlightMode.LAND: (4, 6)}
@@ -31,7 +32,7 @@ RATES_Hz = {  # message: number and rate, of which the ones that are listened to
     "EXTENDED_SYS_STATE": (245, 10.0),
     "ACTUATOR_OUTPUT_STATUS": (375, 250.0),
     "CURRENT_MODE": (436, 50.0),
-    "TIMESYNC": (111, 100.0),  # PX4 believes us after 500 answers
+    "TIMESYNC": (111, 100.0),  # 6 s until it knows
 }
 DISPENSABLE = ("CURRENT_MODE",)  # PX4 before 1.15 has it not, and tells the mode by its heartbeat of 1 Hz alone
 _CUSTOM_MODE, _LOCAL_NED = 1, 1

@@ -74,6 +74,8 @@ class VehicleSample(NamedTuple):
     v_W: Array
     q_WB_wxyz: Array
     battery_fraction: float
+    knows_time: bool = True
+    """Whether it dates poses by our clock, where it is told."""
 
 
 class Position(NamedTuple):
