@@ -131,6 +131,7 @@ def uninvited(hosts: TwoHosts, tmp_path: Path) -> dict[str, dict[str, Any]]:
 def test_who_has_no_valid_certificate_does_not_get_a_session(hosts: TwoHosts, tmp_path):
     ear, gate = Ear(hosts, GUIDANCE.key), Ear(hosts, "+health/ground_gateway", host="ground", name="watcher")
     tried: dict[str, tuple[float, float]] = {}
+    time.sleep(1.5)  # a heartbeat from before them
     for who, settings in uninvited(hosts, tmp_path).items():
         began_s = time.monotonic()
         seen = stranger(hosts, settings, subscribe=ALL, put=[[PREFIX + GUIDANCE.key, COMMAND]])
@@ -228,6 +229,7 @@ def test_monsters_and_thousands_of_keys_do_not_disturb_the_flow(hosts: TwoHosts)
     settings = tls(hosts.folder / "certs", "console")
     stranger(hosts, settings, put=[[f"{PREFIX}@cmd/request", 50_000_000]], seconds=1.0)
     stranger(hosts, settings, base=f"{PREFIX}handle", many=20_000, seconds=1.0)
+    voice.communicate(timeout=60.0)
     taken, refused = ear.heard()
     seqs = [entry["seq"] for entry in taken]
     gaps = [b["t_s"] - a["t_s"] for a, b in itertools.pairwise(taken)]
