@@ -67,17 +67,21 @@ def test_a_world_that_moves_in_flight_is_not_flown_after():
     flight = fly(quick_config(), script)
     (t_ns,) = when
     assert not [m for m in flight.said[ROBOT_POSE.key] if m.stamp_ns > t_ns]
-    believed = [m for m in flight.said[HANDLE_STATE.key] if m.stamp_ns > t_ns + 0.4e9 and m.source is HandleSource.MOCAP]
+    believed = [
+        m for m in flight.said[HANDLE_STATE.key] if m.stamp_ns > t_ns + 0.4e9 and m.source is HandleSource.MOCAP
+    ]
     assert believed == []
     assert "robot jump 0.5" in status[0]
     y = [m.robot_position_m.y for m in flight.said[TRUTH.key] if m.stamp_ns > t_ns]
-    print(f"moved by {y[0] - min(y):.2f} m against and {max(y) - y[0]:.2f} m with the shift in {len(y) / TRUTH.rate_Hz:.1f} s")
+    print(
+        f"moved by {y[0] - min(y):.2f} m against and {max(y) - y[0]:.2f} m with the shift in {len(y) / TRUTH.rate_Hz:.1f} s"
+    )
     assert y[0] - min(y) < 0.1  # who believes the shift flies 0.5 m against it
 
 
 def test_a_tracker_is_started_anew_in_flight_and_the_walk_goes_on():
     async def script(stage: Stage) -> None:
-        from services.tracker import service as tracker  # noqa: PLC0415
+        from services.tracker import service as tracker
 
         await until_guiding(stage, for_s=2.0)
         stage.tasks["tracker"].cancel()
@@ -155,6 +159,6 @@ def test_frames_of_a_real_capture_system_are_recorded_and_the_tracker_runs_again
 
 def test_the_way_of_a_frame_to_the_set_point_is_measured_from_where_it_came(captured):
     delays = latency.reactions(captured[1])
-    assert list(delays)[0] == "capture -> tracker"
+    assert next(iter(delays)) == "capture -> tracker"
     assert np.all(delays["total"] >= 0.0)
     assert np.median(delays["total"]) < 0.05

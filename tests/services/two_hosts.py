@@ -92,7 +92,7 @@ def with_recorder_on(host: str, config: Config) -> Config:
 
 def fly(script: Callable[[Stage, Radio], Coroutine[Any, Any, object]], files: dict[str, Path]) -> Config:
     """Every service on its host while `script` lasts, and a recorder on each of both."""
-    profile = load("ground")
+    profile = load("ground-sim")
     config = quicker(profile).model_copy(update={"path": profile.path})
 
     async def flight() -> None:

@@ -58,9 +58,7 @@ async def _vrpn_clients(knock: _Knock, poses: Poses, rate_Hz: float) -> None:
                 writer.close()
 
 
-async def _vrpn_talk(
-    reader: asyncio.StreamReader, writer: asyncio.StreamWriter, poses: Poses, rate_Hz: float
-) -> None:
+async def _vrpn_talk(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, poses: Poses, rate_Hz: float) -> None:
     writer.write(b"vrpn: ver. 07.38  0".ljust(24, b"\0"))
     names = list(poses(0))
     for n, name in enumerate(names):
