@@ -8,7 +8,7 @@ demo: .venv/.ready
 	$(BIN)/clew demo
 
 test: .venv/.ready
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest --numprocesses=auto --no-loadscope-reorder
 
 # Needs root: two network namespaces with a bad radio between them.
 test-net: .venv/.ready

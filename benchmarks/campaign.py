@@ -74,7 +74,7 @@ def whole() -> dict[str, float]:
     return {"walking": 60_000 / walking, "everything": 60_000 / everything, "peak_MiB": peak}
 
 
-def processes(jobs: int, people: int = 8000, seconds: float = 20.0) -> float:
+def processes(jobs: int, people: int = 8000, seconds: float = 60.0) -> float:
     """Wall-clock time of the command's loop over 8 batches, the start of the processes included."""
     from rich.console import Console
 

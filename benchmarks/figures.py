@@ -1,4 +1,4 @@
-"""`make figures`: every picture in docs/figures, made anew: one demo flight, and the stability map.
+"""`make figures`: every picture in docs/figures, made anew: one demo flight, the stability map, a campaign.
 
 The demo's own figures come from its session folder, at a resolution fit for a page.
 """
@@ -20,9 +20,12 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         summary = fly(Path(folder), seed=1)
         shots = [summary["folder"] / name for name in ("path.png", "time.png")]
-        subprocess.run([sys.executable, "-m", "services.console.cli", "map", "--out", folder], check=True)
-        for file in (*shots, Path(folder) / "stability_map.png"):
+        for file in shots:
             shutil.copy(file, DOCS / file.name)
+        for name, lead in (("stability_map", ()), ("stability_map_no_lead", ("--lead-s", "0"))):
+            command = [sys.executable, "-m", "services.console.cli", "map", "--out", folder, *lead]
+            subprocess.run(command, check=True)
+            shutil.copy(Path(folder) / "stability_map.png", DOCS / f"{name}.png")
         out = Path(folder) / "campaign"
         subprocess.run([sys.executable, "-m", "services.console.cli", "campaign", "--out", str(out)], check=True)
         shutil.copy(out / "walks.png", DOCS / "campaign.png")

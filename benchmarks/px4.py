@@ -158,7 +158,7 @@ def pushes() -> list[tuple[str, ...]]:
 
 def simulated_std_N(config: Config, M_A_kg: float, k_c: float) -> float:
     """The same cell with the stand-in's cascade."""
-    setup = stability.Setup(config.vehicle, config.px4_bridge.admittance, config.cable)
+    setup = stability.Setup(config.vehicle, config.px4_bridge.admittance, config.cable, config.px4_bridge.flight.lead_s)
     axes = (M_A_kg / config.vehicle.quadrotor.mass_kg, k_c, config.force_estimator.observer.bandwidth_Hz)
     grid = stability.Grid(*(np.array([x]) for x in (*axes, stability.DELAY_MS)))
     return float(stability.fly(grid, setup, seconds=16.0).std_N.item())

@@ -2,13 +2,17 @@
 
 The session is one flight on virtual time, said again and again until it is as long as asked (10 minutes). Beside ours the
 bare `mcap` writer and reader and foxglove-sdk's writer, on the same bytes. Writing is given as the share of a core that
-the flight's own rates would take, and by how much those rates could rise. `python -m benchmarks.recordings [minutes]`
+the flight's own rates would take, and by how much those rates could rise. Then the recorder as the process that it is, over
+Zenoh: everything that the flight said, said again at its own pace and at ten times that.
+`python -m benchmarks.recordings [minutes]`
 """
 
+import asyncio
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import foxglove
@@ -17,18 +21,22 @@ from mcap.writer import Writer
 from pydantic_core import from_json, to_json
 
 from benchmarks.table import show
-from schemas.topics import BY_KEY, TOPICS
+from schemas.topics import BY_KEY, HEALTH, TOPICS
 from services.config import load
 from services.console.replay import spoken
+from services.console.start import bus_config, launch_all
 from services.recorder import Session
 from services.recorder.page import write_page
 from services.recorder.rerun import SUBJECTS, rerun
 from services.recorder.schema import json_schema, schema_text
+from services.recorder.service import LOGGED
 from services.recorder.walk import CONFIG_ATTACHMENT
 from services.recorder.writer import SessionWriter, channel_name
+from services.runtime.zenoh_bus import open_bus
 from tests.services.chain import fly, whole
 
 WRITING = ("writer", "messages", "CPU s", "µs a message", "share of a core %", "x the flight's rates")
+LISTENING = ("over Zenoh", "said /s", "said", "kept", "lost", "recorder CPU %")
 READING = ("what", "s", "session s", "x real time")
 CHUNK_bytes = 65_536
 
@@ -135,6 +143,37 @@ def writing(said: Said, folder: Path) -> list[tuple[str, ...]]:
     return rows
 
 
+def listening(session: Session, speed: float) -> tuple[str, ...]:
+    """One row: a recorder in a process of its own, and one that says the whole flight `speed` times as fast."""
+    own = HEALTH["recorder"].key
+    logged = {topic.key for topic in LOGGED} - {own}
+    said = [(t_s, key, payload) for t_s, key, payload in spoken(session) if key in logged]
+    with tempfile.TemporaryDirectory() as folder:
+        config = load("demo", session_dir=folder)
+        config = config.model_copy(
+            update={"system": replace(config.system, name="bench_recordings", services=("recorder",))}
+        )
+
+        async def say() -> None:
+            async with launch_all(config):
+                with open_bus(replace(bus_config(config), services=("recorder", "simulator")), "simulator") as bus:
+                    await asyncio.sleep(1.0)  # until the links are up
+                    began = time.monotonic()
+                    for t_s, key, payload in said:
+                        if (wait := began + t_s / speed - time.monotonic()) > 1e-3:
+                            await asyncio.sleep(wait)
+                        bus.put(key, payload, BY_KEY[key].stance)
+                    await asyncio.sleep(0.5)
+
+        asyncio.run(say())
+        heard = Session(Path(folder, "session.mcap"))
+        counts = {key: count for key, count in heard.verdict.topics.items() if key in logged}
+        kept = sum(count.received for count in counts.values())
+        cpu = heard.table(HEALTH["recorder"])["cpu_fraction"][4:-1].mean()
+    rate = len(said) / session.duration_s * speed
+    return (f"{speed:g} x", f"{rate:.0f}", str(len(said)), str(kept), str(len(said) - kept), f"{100 * cpu:.1f}")
+
+
 def reading(file: Path, folder: Path) -> list[tuple[str, ...]]:
     """A row for each thing that is done with a finished recording."""
     acts: dict[str, Callable[[], object]] = {
@@ -180,6 +219,7 @@ def run(minutes: float = 10.0) -> None:
         said = stretched(session, 60.0 * minutes)
         show(writing(said, folder), WRITING)
         del said
+        show([listening(session, speed) for speed in (1.0, 10.0)], LISTENING)
         show([*reading(folder / "ours.mcap", folder), *rerunning(session)], READING)
 
 

@@ -2,7 +2,8 @@
 
 The hand is fixed, the cable stands at 56° from the vertical, the filter wants 1.5 N along and 1 N up on the handle. Every
 cell of the grid is one vehicle in one batch (simulator/tethered.py). The acceleration set-point is `a_sp = u_R + f̂_c/m_R`,
-and u_R holds -f̂_c/M_A, so the estimate enters with f̂_c (1/m_R - 1/M_A): late positive feedback once M_A < m_R.
+and u_R holds -f̂_c/M_A, so the estimate enters with f̂_c (1/m_R - 1/M_A): late positive feedback once M_A < m_R. The
+set-point's lead fades the horizontal u_R by λ = exp(-b_A lead_s/M_A), as if M_A were M_A/λ: calmer cells.
 
 | symbol | here | unit |
 |---|---|---|
@@ -39,7 +40,7 @@ DELAY_MS = 8.0
 """Each way, with a companion computer beside PX4: what the cascade was fitted with."""
 
 MEASURED_K_C = (50.0, 100.0, 200.0, 400.0)
-MEASURED_N = {  # tension std on real PX4 with the cable in its physics, by vehicle and M_A in kg, for MEASURED_K_C
+MEASURED_N = {  # tension std on real PX4 with the cable in its physics and no lead, by vehicle and M_A in kg, for MEASURED_K_C
     "medium": {
         0.8: (0.34, 2.4, 5.3, 6.8),
         1.0: (0.12, 0.67, 3.4, 5.3),
@@ -60,11 +61,12 @@ class Grid(NamedTuple):
 
 
 class Setup(NamedTuple):
-    """What does not vary: vehicle, filter (its M_A is replaced) and cable (its k_c is replaced)."""
+    """What does not vary: vehicle, filter (its M_A is replaced), cable (its k_c is replaced) and the set-point's lead."""
 
     vehicle: Vehicle
     filter: Admittance
     cable: Cable
+    lead_s: float
 
 
 class Tension(NamedTuple):
@@ -87,6 +89,7 @@ class Flown(NamedTuple):
 
     name: str
     mass_kg: float
+    lead_s: float
     grid: Grid
     tension: Tension
     port: Port
@@ -153,7 +156,8 @@ def measured(m: Flown, ratio: int, k_c: int, delay: int) -> float:
     """What real PX4 did in this cell, N; NaN where it was not flown. A virtual mass within 1 % counts as the same."""
     stiffness, M_A_kg = m.grid.k_c_N_per_m[k_c], m.grid.ratio[ratio] * m.mass_kg
     for M_A, row in MEASURED_N.get(m.name, {}).items():
-        if abs(M_A - M_A_kg) <= 0.01 * M_A and stiffness in MEASURED_K_C and m.grid.delay_ms[delay] == DELAY_MS:
+        alike = stiffness in MEASURED_K_C and m.grid.delay_ms[delay] == DELAY_MS and not m.lead_s
+        if alike and abs(M_A - M_A_kg) <= 0.01 * M_A:
             return row[MEASURED_K_C.index(stiffness)]
     return math.nan
 
@@ -171,6 +175,7 @@ def _robot(ratio: Array, observer_Hz: Array, delay_ms: Array, setup: Setup) -> t
         dataclasses.replace(setup.filter, M_A_kg=cast(float, ratio * mass)),
         Observer(m_R_kg=mass, bandwidth_Hz=cast(float, observer_Hz)),
         Latency(late, late),
+        lead_s=setup.lead_s,
     )
 
 

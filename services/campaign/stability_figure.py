@@ -33,7 +33,7 @@ def _cells(axes: Any, m: Flown, observer: int, delay: int) -> None:
     axes.imshow(np.log10(np.maximum(std, 1e-2)), cmap="RdYlGn_r", vmin=-1.7, vmax=0.7, aspect="auto", alpha=0.6)
     late, seen = m.grid.delay_ms[delay], m.grid.observer_Hz[observer]
     axes.set(
-        title=f"{m.mass_kg:g} kg, observer {seen:g} Hz, {late:g} ms each way: tension std in N (real PX4)",
+        title=f"{m.mass_kg:g} kg, observer {seen:g} Hz, {late:g} ms each way, lead {m.lead_s:g} s:\ntension std in N (real PX4)",
         xlabel="k_c in N/m",
         ylabel="M_A/m_R",
     )

@@ -31,13 +31,14 @@ LIMITS = {
     "observer-hz": Limits(0.5, 60.0),
     "delay-ms": Limits(0.0, 100.0),
     "d-c": Limits(0.0, 100.0),
+    "lead-s": Limits(0.0, 1.0),
     "seconds": Limits(4.0, 120.0),
 }
 ASSUMED = (
     "Assumed: the hand is fixed, 1.5 N along and 1 N up on a taut cable that is fixed to the centre of mass; attitude and",
     "thrust are known; no wind, no vibration beyond the accelerometer's noise; an autopilot like PX4 with MPC_ACC_DECOUPLE = 0",
     "and the gains of the vehicle's file, fitted to flights on real PX4. Nothing here has flown on hardware.",
-    "In brackets: real PX4 in simulation, where that cell was flown.",
+    "In brackets: real PX4 in simulation, where that cell was flown; it was flown with --lead-s 0.",
 )
 
 
@@ -50,6 +51,7 @@ class Asked(NamedTuple):
     observer_hz: str = "8"
     delay_ms: str = "8"
     d_c: float = 1.0
+    lead_s: float | None = None
     seconds: float = 20.0
     profile: str = "demo"
 
@@ -103,9 +105,13 @@ def _setups(asked: Asked) -> dict[str, Setup]:
     """By vehicle; filter and cable are the profile's."""
     _within("d-c", asked.d_c)
     base = config.load(asked.profile)
+    lead_s = base.px4_bridge.flight.lead_s if asked.lead_s is None else asked.lead_s
+    _within("lead-s", lead_s)
     line = dataclasses.replace(base.cable, d_c_Ns_per_m=asked.d_c)
     names = [name.strip() for name in asked.vehicle.split(",")]
-    return {Path(name).stem: Setup(config.load_vehicle(name), base.px4_bridge.admittance, line) for name in names}
+    return {
+        Path(name).stem: Setup(config.load_vehicle(name), base.px4_bridge.admittance, line, lead_s) for name in names
+    }
 
 
 def _within(key: str, value: float) -> None:
@@ -128,14 +134,14 @@ def _fly(name: str, grid: Grid, setup: Setup, seconds: float, console: Console) 
 
     tension = stability.fly(grid, setup, seconds, watch=lambda ticks: watch("the cells", ticks))
     port = stability.port(grid, setup, FREQUENCY_HZ, watch=lambda ticks: watch("the cable port", ticks))
-    return Flown(name, setup.vehicle.quadrotor.mass_kg, grid, tension, port)
+    return Flown(name, setup.vehicle.quadrotor.mass_kg, setup.lead_s, grid, tension, port)
 
 
 def _table(m: Flown, observer: int, delay: int) -> Table:
     grid = m.grid
     table = Table(
-        title=f"{m.name}, {m.mass_kg:g} kg, observer {grid.observer_Hz[observer]:g} Hz, {grid.delay_ms[delay]:g} ms each way: "
-        "tension std in N (real PX4)",
+        title=f"{m.name}, {m.mass_kg:g} kg, observer {grid.observer_Hz[observer]:g} Hz, {grid.delay_ms[delay]:g} ms each way, "
+        f"lead {m.lead_s:g} s: tension std in N (real PX4)",
         title_justify="left",
     )
     for head in (
@@ -170,13 +176,15 @@ def _passivity(m: Flown, i: int, observer: int, delay: int) -> str:
 
 def _csv(maps: list[Flown]) -> str:
     """One line a cell."""
-    lines = ["vehicle,m_R_kg,M_A_over_m_R,k_c_N_per_m,observer_Hz,delay_ms,std_N,max_N,min_N,verdict,real_px4_std_N"]
+    lines = [
+        "vehicle,m_R_kg,lead_s,M_A_over_m_R,k_c_N_per_m,observer_Hz,delay_ms,std_N,max_N,min_N,verdict,real_px4_std_N"
+    ]
     for m in maps:
         for i, j, o, d in np.ndindex(m.tension.std_N.shape):
             axes = (m.grid.ratio[i], m.grid.k_c_N_per_m[j], m.grid.observer_Hz[o], m.grid.delay_ms[d])
             cell = [float(x[i, j, o, d]) for x in m.tension]
             real = stability.measured(m, i, j, d)
             known = f"{real:g}" if np.isfinite(real) else ""
-            numbers = ",".join(f"{x:.6g}" for x in (m.mass_kg, *axes, *cell))
+            numbers = ",".join(f"{x:.6g}" for x in (m.mass_kg, m.lead_s, *axes, *cell))
             lines.append(f"{m.name},{numbers},{verdict(cell[0], cell[2])},{known}")
     return "\n".join(lines) + "\n"

@@ -48,6 +48,7 @@ def stability_map(
     observer_hz: Annotated[str, typer.Option(help="bandwidth of the wrench observer, Hz")] = "8",
     delay_ms: Annotated[str, typer.Option(help="each way between autopilot and companion, ms")] = "8",
     d_c: Annotated[float, typer.Option(help="damping of the cable, N s/m")] = 1.0,
+    lead_s: Annotated[float | None, typer.Option(help="lead of the set-point, s; the profile's by default")] = None,
     seconds: Annotated[float, typer.Option(help="flight of each cell")] = 20.0,
     profile: Profile = "demo",
     out: Annotated[Path, typer.Option(help="where figure and cells go")] = Path("stability"),
@@ -55,7 +56,7 @@ def stability_map(
     """Which virtual masses a vehicle that lags can fly on which cables."""
     from services.campaign import stability_map
 
-    asked = stability_map.Asked(vehicle, ratio, k_c, observer_hz, delay_ms, d_c, seconds, profile)
+    asked = stability_map.Asked(vehicle, ratio, k_c, observer_hz, delay_ms, d_c, lead_s, seconds, profile)
     raise typer.Exit(stability_map.run(asked, out))
 
 

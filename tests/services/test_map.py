@@ -18,7 +18,7 @@ GOOD = Asked(vehicle="light", ratio="1", k_c="200", seconds=4.0)
 
 def test_it_prints_every_cell_with_its_verdict_and_what_is_assumed(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(stability_map, "FREQUENCY_HZ", np.array([1.7]))
-    asked = GOOD._replace(vehicle="medium", ratio="0.53,1", delay_ms="0,9")
+    asked = GOOD._replace(vehicle="medium", ratio="0.53,1", delay_ms="0,9", lead_s=0.0)
     assert stability_map.run(asked, tmp_path / "new" / "map") == 0
     told = capsys.readouterr().out
     assert "slack" in told
@@ -48,6 +48,7 @@ def test_it_prints_every_cell_with_its_verdict_and_what_is_assumed(tmp_path, cap
         ("delay_ms", "0..200", "must be between 0 and 100"),
         ("delay_ms", "0..100:26", "26 pairs of observer-hz and delay-ms: at most 24"),
         ("k_c", "1..5000:6000", "6000 cells: at most 5000"),
+        ("lead_s", -0.1, "--lead-s = -0.1: must be between 0 and 1"),
         ("d_c", -1.0, "--d-c = -1: must be between 0 and 100"),
         ("seconds", 0.0, "--seconds = 0: must be between 4 and 120"),
         ("seconds", float("nan"), "--seconds = nan: must be between 4 and 120"),
