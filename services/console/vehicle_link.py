@@ -121,11 +121,14 @@ def _listen(url: str, path: str, rate: int) -> bytes:
 
 def _has_mavlink(heard: bytes) -> bool:
     """Two frames of version 2 or 1 in a row: a length that leads from one beginning to the next."""
-    sizes = {0xFD: lambda at: 12 + heard[at + 1] + 13 * (heard[at + 2] & 1), 0xFE: lambda at: 8 + heard[at + 1]}
-    begins = (at for at in range(len(heard) - 2) if heard[at] in sizes)
-    return any(
-        at + sizes[heard[at]](at) < len(heard) and heard[at + sizes[heard[at]](at)] == heard[at] for at in begins
-    )
+    begins = [at for at in range(len(heard) - 2) if heard[at] in (0xFD, 0xFE)]
+    ends = [(at, at + _frame_bytes(heard[at : at + 3])) for at in begins]
+    return any(end < len(heard) and heard[end] == heard[at] for at, end in ends)
+
+
+def _frame_bytes(head: bytes) -> int:
+    """From a frame's first three bytes: version 2 has a longer header, and a signature where its flag says so."""
+    return 12 + head[1] + 13 * (head[2] & 1) if head[0] == 0xFD else 8 + head[1]
 
 
 def _fault(url: str, why: str) -> ConfigError:

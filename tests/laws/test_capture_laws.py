@@ -93,7 +93,8 @@ def test_the_offset_turns_with_the_body(turn, offset):
 @given(vectors(6.0))
 def test_an_attitude_from_its_matrix(turn):
     q = integrate_attitude(LEVEL, turn, 1.0)
-    found = np.array(from_matrix(tuple(map(tuple, rotation_matrix(q)))))
+    x, y, z = rotation_matrix(q).tolist()
+    found = np.array(from_matrix((x, y, z)))
     assert abs(found @ q) == pytest.approx(1.0, abs=1e-9)
 
 
@@ -156,7 +157,8 @@ def y_up(p):
 
 def test_bodies_on_the_floor_show_which_way_is_up():
     assert judged(*ON_FLOOR).verdict is Verdict.RIGHT
-    state = judged(*map(y_up, ON_FLOOR))
+    R, H = map(y_up, ON_FLOOR)
+    state = judged(R, H)
     assert state.verdict is Verdict.Y_UP
     assert axes.complaint(state).startswith("the capture system's y axis is up: robot and handle lie still at y = 0.0")
     assert "let it stream with z up" in axes.complaint(state)

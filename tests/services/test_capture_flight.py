@@ -1,6 +1,7 @@
 """Flights on a capture system that is not the simulator's topic, and on one whose world moves."""
 
 import asyncio
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -19,8 +20,8 @@ from services.runtime.memory_bus import MemoryBus
 from services.runtime.node import Node
 from services.runtime.virtual import VirtualClock, run_virtual
 from services.simulator import service as simulator
+from services.tracker import service as tracker
 from services.tracker.bodies import Body, CaptureSystem
-from services.tracker.service import track
 from services.tracker.sources import Source
 from tests.services.chain import (
     MAVLINK_DELAY_S,
@@ -108,8 +109,8 @@ def captured(tmp_path_factory) -> tuple[Config, object]:
         restart_s=3.0,
     )
     config = quicker(load("demo"))
-    tracker = config.tracker.__class__(**(vars(config.tracker) | {"source": "vrpn", "mocap": system}))
-    config = config.model_copy(update={"tracker": tracker})
+    capturing = replace(config.tracker, source="vrpn", mocap=system)
+    config = config.model_copy(update={"tracker": capturing})
 
     async def deliver(node: Node, put) -> None:
         async for frame in node.stream(MOCAP_FRAME):
@@ -119,7 +120,7 @@ def captured(tmp_path_factory) -> tuple[Config, object]:
         arrivals = node.arrivals()
         async with asyncio.TaskGroup() as group:
             group.create_task(deliver(system_node, arrivals.put))
-            await track(node, config, Source(arrivals, MOCAP_SEEN))
+            await tracker.track(node, config, Source(arrivals, MOCAP_SEEN))
 
     async def flight():
         clock, bus = VirtualClock(), MemoryBus()

@@ -121,7 +121,9 @@ def test_a_port_in_use_is_said(tmp_path):
         ended = run(tmp_path, "up", str(profile))
     (line,) = ended.stderr.splitlines()
     assert ended.returncode == 2
-    assert line.startswith(f"{profile}: px4_bridge.link.url = udpin://127.0.0.1:{port}: port {port}: address already in use")
+    assert line.startswith(
+        f"{profile}: px4_bridge.link.url = udpin://127.0.0.1:{port}: port {port}: address already in use"
+    )
     assert not (tmp_path / "sessions").exists()
 
 
