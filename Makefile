@@ -2,13 +2,17 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test test-net check bench bench-px4 bench-net figures golden lock clean
+.PHONY: demo test test-faults test-net check bench bench-px4 bench-net figures golden lock clean
 
 demo: .venv/.ready
 	$(BIN)/clew demo
 
 test: .venv/.ready
 	$(BIN)/python -m pytest --numprocesses=auto --no-loadscope-reorder
+
+# Real processes killed, stopped, starved, in real time: about 6 minutes on a machine that does nothing else.
+test-faults: .venv/.ready
+	$(BIN)/python -m pytest -m faults tests
 
 # Needs root: two network namespaces with a bad radio between them.
 test-net: .venv/.ready

@@ -89,7 +89,7 @@ class Hovering:
     async def arm(self) -> None:
         pass
 
-    disarm = terminate = set_origin = arm
+    disarm = kill = terminate = set_origin = arm
 
     async def set_mode(self, mode: FlightMode) -> None:
         pass

@@ -32,8 +32,9 @@ from services.recorder.schema import json_schema, schema_text
 from services.recorder.service import LOGGED
 from services.recorder.walk import CONFIG_ATTACHMENT
 from services.recorder.writer import SessionWriter, channel_name
+from services.rehearsal.chain import whole
 from services.runtime.zenoh_bus import open_bus
-from tests.services.chain import fly, whole
+from tests.services.chain import fly
 
 WRITING = ("writer", "messages", "CPU s", "µs a message", "share of a core %", "x the flight's rates")
 LISTENING = ("over Zenoh", "said /s", "said", "kept", "lost", "recorder CPU %")

@@ -6,7 +6,7 @@ from schemas.message import Message, Vec3
 class EnergyBalance(Message):
     """Sums since the bridge began to send set-points, at the filter's ports, with the estimated force f̂_c.
 
-    stored = handed + guidance + height + cable - dissipated - residual; what each is, and why the residual never falls
+    stored = handed + guidance + height + cable + hand - dissipated - residual; what each is, and why the residual never falls
     while the filter is passive, stands in services/px4_bridge/energy.py.
     """
 
@@ -20,6 +20,8 @@ class EnergyBalance(Message):
     """By u_A,z: the vertical pull, the handle's weight, the spring that holds the height."""
     cable_J: float
     """By -f̂_c: negative where the robot worked on the person."""
+    hand_J: float
+    """By the push of a hand that comes near the vehicle; it feels nothing of it, so no port of a person pays."""
     dissipated_J: float
     residual_J: float
     """Lost by neither port nor damping: at the ceiling, and the discretisation's share."""

@@ -18,6 +18,7 @@ class Phase(StrEnum):
     LANDING = "landing"
     LANDED = "landed"
     HOLD = "hold"
+    KILLED = "killed"
 
 
 class Level(IntEnum):
@@ -29,6 +30,8 @@ class Level(IntEnum):
     HOLD = 3
     LAND = 4
     DESCEND = 5
+    KILL = 6
+    """Motors off, in the air too. Only a person asks for it; no rule does."""
 
 
 class Permit(StrEnum):
@@ -39,14 +42,17 @@ class Permit(StrEnum):
     WAIT = "wait"
     GUIDE = "guide"
     EASE = "ease"
+    HOLD = "hold"
     LAND = "land"
+    KILL = "kill"
 
 
 class SafetyState(Message):
     """The supervisor's verdict; everyone obeys the newest valid one and nobody obeys a stale one.
 
     `POSITION` flies to `goal_m` at `speed_mps`. `WAIT` engages the filter anchored over the start; `GUIDE` lets guidance
-    act. `reasons` holds what limits the system now, the most important first.
+    act; `EASE` gives way, `HOLD` stands with the cable slack. `KILL` stops the motors. `reasons` holds what limits the
+    system now, the most important first.
     """
 
     phase: Phase
@@ -70,6 +76,10 @@ class Action(StrEnum):
     LAND = "land"
     KILL = "kill"
     RESUME = "resume"
+
+
+RAISES = {Action.EASE: Level.EASE, Action.HOLD: Level.HOLD, Action.LAND: Level.LAND, Action.KILL: Level.KILL}
+"""The level that a command raises to; `resume` gives it back, below LAND."""
 
 
 class OperatorRequest(Message):

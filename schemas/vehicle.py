@@ -53,6 +53,7 @@ class SetpointKind(StrEnum):
     POSITION = "position"
     ADMITTANCE = "admittance"
     EASE = "ease"
+    HOLD = "hold"
 
 
 class Setpoint(Message):

@@ -12,6 +12,7 @@ from services.px4_bridge.flight import Flight
 from services.px4_bridge.setpoint import Limits as SetpointLimits
 from services.px4_bridge.tank import Tank
 from services.px4_bridge.telemetry import Vehicle as Telemetry
+from services.px4_bridge.trust import Trust
 from services.safety_supervisor.distances import Envelope
 from services.safety_supervisor.held import Held
 from services.safety_supervisor.phases import Times
@@ -88,6 +89,7 @@ class Px4Bridge:
     tank: Tank
     vehicle: Telemetry
     link: Link
+    trust: Trust
     px4: dict[str, int | float]
 
 

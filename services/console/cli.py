@@ -6,13 +6,14 @@ from typing import Annotated
 
 import typer
 
-from services.console import cli_sessions
+from services.console import cli_faults, cli_sessions
 
 app = typer.Typer(
     no_args_is_help=True, add_completion=False, help="Clew guides a person by the hand with a tethered drone."
 )
 
 app.add_typer(cli_sessions.app)
+app.add_typer(cli_faults.app, name="faults")
 
 Profile = Annotated[str, typer.Option(help="a name in deploy/profiles, or a file")]
 Px4 = Annotated[str, typer.Option(help="PX4's program for a profile that simulates with it", envvar="PX4_BIN")]
@@ -133,6 +134,25 @@ def status(profile: Profile = "demo") -> None:
     from services.console import look
 
     raise typer.Exit(look.status(profile))
+
+
+def _command(name: str, action: str, help_text: str) -> None:
+    """A person's command, under its own name."""
+
+    @app.command(name, help=help_text)
+    def give(profile: Profile = "demo") -> None:  # pyright: ignore[reportUnusedFunction]  (typer has it)
+        from schemas.safety import Action
+        from services.console import operator
+
+        raise typer.Exit(operator.command(Action(action), profile))
+
+
+_command("start", "start", "Ask for the take-off of a system that is up.")
+_command("stop", "ease", "Take all force away at once; the cable hangs slack. `clew resume` goes on.")
+_command("hold", "hold", "As stop, and stand there until a person resumes.")
+_command("land", "land", "Fly aside and land; it cannot be taken back.")
+_command("kill", "kill", "Stop the motors at once, in the air too: the vehicle falls.")
+_command("resume", "resume", "Go on after stop or hold, if nothing else limits the system.")
 
 
 @app.command()

@@ -3,7 +3,8 @@
 import asyncio
 import os
 import sys
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Generator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 
 from rich.console import Console
@@ -12,7 +13,7 @@ from rich.live import Live
 from schemas.safety import Action, Phase, SafetyState
 from schemas.topics import SAFETY_STATE
 from services.config import Config, ConfigError
-from services.console import report
+from services.console import keys, report
 from services.console.operator import Operator, operator_node
 from services.console.panel import Watch, line, render
 from services.console.start import Choice, bus_config, launch_all
@@ -70,13 +71,13 @@ async def fly(config: Config, console: Console, *, live: bool) -> None:
     """
     with open_bus(bus_config(config), f"operator-{os.getpid()}") as bus:
         node = operator_node(bus, MonotonicClock(), config.placement())
-        watch = Watch(node, config.system.services)
+        watch, operator = Watch(node, config.system.services), Operator(node)
         console.print(f"session {config.session_dir}")
         async with launch_all(config) as launched:
-            with _screen(console, live) as screen:
+            with _screen(console, live) as screen, _keys(operator, watch, screen is not None):
                 watching = asyncio.create_task(_watch(watch, screen, console))
                 dying = asyncio.create_task(launched.wait())
-                flying = asyncio.create_task(_experiment(node, Operator(node)))
+                flying = asyncio.create_task(_experiment(node, operator))
                 try:
                     await asyncio.wait((flying, dying), return_when=asyncio.FIRST_COMPLETED)
                     if dying.done():
@@ -95,7 +96,7 @@ async def _experiment(node: Node, operator: Operator) -> None:
         async with asyncio.timeout(TIME_LIMIT_S):
             await _started(safety, operator)
             async for state in node.stream(SAFETY_STATE):
-                if state.phase is Phase.LANDED:
+                if state.phase in (Phase.LANDED, Phase.KILLED):
                     break
             await asyncio.sleep(1.0)  # the recording shows it standing
     except TimeoutError:
@@ -117,6 +118,26 @@ def _screen(console: Console, live: bool) -> AbstractContextManager[Live | None]
         if live and console.is_terminal
         else nullcontext()
     )
+
+
+@contextmanager
+def _keys(operator: Operator, watch: Watch, live: bool) -> Generator[None]:
+    """Under the live panel a key is a command, and its last line says what came of it."""
+    given: set[asyncio.Task[bool]] = set()
+
+    def tell(text: str) -> None:
+        watch.footer = text
+
+    def act(action: Action) -> None:
+        given.add(task := asyncio.create_task(operator.command(action, tell)))
+        task.add_done_callback(given.discard)
+
+    if not live:
+        yield
+        return
+    with keys.listening(act) as there:
+        watch.footer = keys.HINT if there else ""
+        yield
 
 
 async def _watch(watch: Watch, screen: Live | None, console: Console) -> None:

@@ -22,6 +22,7 @@ SUMS = (
     ("guidance, by u_A,xy", "guidance_J"),
     ("height, by u_A,z", "height_J"),
     ("cable, by -f_c", "cable_J"),
+    ("a hand that came near", "hand_J"),
     ("from position mode", "handed_J"),
     ("dissipated", "dissipated_J"),
     ("unaccounted for", "residual_J"),

@@ -32,6 +32,7 @@ _COLOUR = {
     Level.HOLD: "dark_orange",
     Level.LAND: "red",
     Level.DESCEND: "red",
+    Level.KILL: "bold red",
 }
 
 
@@ -46,6 +47,8 @@ class View:
     truth: Truth | None = None
     setpoint_age_s: float | None = None
     services: Mapping[str, Heartbeat | None] = field(default_factory=dict[str, Heartbeat | None])
+    footer: str = ""
+    """What the keys do, or what came of the last one."""
 
     @property
     def hand_force_N(self) -> float | None:
@@ -69,6 +72,7 @@ class Watch:
         self._truth = node.latest(TRUTH)
         self._setpoint = node.latest(SETPOINT)
         self._health = {name: node.latest(HEALTH[name]) for name in services}
+        self.footer = ""
 
     def view(self) -> View:
         """This moment."""
@@ -80,6 +84,7 @@ class Watch:
             truth=self._truth.value,
             setpoint_age_s=self._setpoint.age_s if self._setpoint.message else None,
             services={name: latest.value for name, latest in self._health.items()},
+            footer=self.footer,
         )
 
 
@@ -89,7 +94,13 @@ def render(view: View) -> RenderableType:
     reasons = [
         Text(f"• {reason}", style=_colour(view.safety)) for reason in (view.safety.reasons if view.safety else ())
     ]
-    return Panel(Group(*parts, *reasons), title="clew", box=box.ROUNDED, border_style=_colour(view.safety))
+    return Panel(
+        Group(*parts, *reasons),
+        title="clew",
+        subtitle=view.footer or None,
+        box=box.ROUNDED,
+        border_style=_colour(view.safety),
+    )
 
 
 def line(view: View) -> str:

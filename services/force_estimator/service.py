@@ -14,6 +14,7 @@ from services.physics import norm
 from services.runtime.node import Node, used
 
 LONGEST_STEP_S = 0.1
+STUCK = 10  # samples that are exactly the same: an inertial sensor has noise
 
 
 async def run(node: Node, config: Config) -> None:
@@ -22,18 +23,22 @@ async def run(node: Node, config: Config) -> None:
     imu, safety = node.stream(VEHICLE_IMU), node.latest(SAFETY_STATE)
     handle, robot = node.latest(HANDLE_STATE), node.latest(ROBOT_POSE)
     out = node.publisher(CABLE_FORCE)
-    state, last_ns = estimator.initial(), 0
+    state, last_ns, still, before = estimator.initial(), 0, 0, Vec3()
     async for sample in imu:
         dt_s = min(max((sample.stamp_ns - last_ns) * 1e-9, 1e-4), LONGEST_STEP_S)
         last_ns = sample.stamp_ns
+        still = still + 1 if sample.specific_force_B_mps2 == before else 0
+        before = sample.specific_force_B_mps2
         verdict = safety.value
         cable = _geometry(handle.value, robot.value, held=verdict is not None and verdict.held)
         zero_now = verdict is not None and verdict.tare
         state, estimate = estimator.step(
             state, _sample(sample, dt_s), cable, zero_now, config.cable.rest_length_m, p.observer, p.bias
         )
-        node.status = state.report or f"tare {state.tare}"
-        out.publish(_message(sample, state, estimate, used(imu, handle, robot, safety)))
+        message = _message(sample, state, estimate, used(imu, handle, robot, safety))
+        stuck = "the inertial sensor says the same for ever" if still > STUCK else ""
+        node.status = stuck or state.report or f"tare {state.tare}"
+        out.publish(message.model_copy(update={"valid": not stuck, "invalid_reason": stuck}))
 
 
 def _sample(imu: VehicleImu, dt_s: float) -> Sample:

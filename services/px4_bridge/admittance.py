@@ -43,6 +43,7 @@ from services.physics import (
 
 LONG_S = 1e3
 RATIO_MIN, RATIO_MAX = 0.9, 2.0
+EASE_SCALE = 0.2  # of the spring that keeps an eased robot in its place: 0.2 N at most
 
 
 @parameters
@@ -109,9 +110,19 @@ def hold_height(p_hold: Array, handle_weight_N: float, p: Admittance) -> Command
     return _command(p_hold, _up(p_hold, handle_weight_N), 0.0, k_z=p.k_z_N_per_m, k_xy=p.k_H_N_per_m, free=True)
 
 
-def ease(p_hold: Array, p: Admittance) -> Command:
-    """Back off: no force but a soft spring to the height of `p_hold`; a walking person drags the robot along at b_A."""
-    return _command(p_hold, np.zeros_like(p_hold), 0.0, k_z=p.k_z_N_per_m, k_xy=p.k_H_N_per_m, free=False)
+def ease(p_hold: Array, p: Admittance, *, anchored: bool = False) -> Command:
+    """Back off: only a soft spring to the height of `p_hold`; a walking person drags the robot along at b_A.
+
+    `anchored` adds a spring to its place, so weak that nobody feels it: for a `p_hold` that goes along with the hand.
+    """
+    return _command(
+        p_hold,
+        np.zeros_like(p_hold),
+        EASE_SCALE if anchored else 0.0,
+        k_z=p.k_z_N_per_m,
+        k_xy=p.k_H_N_per_m,
+        free=False,
+    )
 
 
 def literal(u_A: Array) -> Command:

@@ -6,6 +6,7 @@
 | u_A,xyᵀ v_R | Flow.guidance_J, its integral | J | W |
 | u_A,z v_R,z | Flow.height_J | J | W |
 | -f̂_cᵀ v_R | Flow.cable_J | J | W |
+| the push of a hand that is near (leash.py), times v_R | Flow.hand_J | J | W |
 | v_Rᵀ B_A v_R | Flow.dissipated_J | J | W |
 
 The filter M_A v̇ = -B_A v - f̂_c + u_A has the storage ½ v ᵀM_A v, and u_A, springs included, is what its two other ports put
@@ -33,12 +34,13 @@ class Flow(NamedTuple):
     cable_J: Scalar
     dissipated_xy_J: Scalar
     dissipated_z_J: Scalar
+    hand_J: Scalar = 0.0
 
 
 class Balance(NamedTuple):
     """Sums of a flight in J, (...). `handed_J`: kinetic energy that position mode handed over, less what it took back.
 
-    stored = handed + guidance + height + cable - dissipated - residual. `created_J` adds up only the steps that ended
+    stored = handed + guidance + height + cable + hand - dissipated - residual. `created_J` adds up only the steps that ended
     with more than they were given: 0 to rounding, unless the filter is not what it should be.
     """
 
@@ -49,11 +51,12 @@ class Balance(NamedTuple):
     cable_J: Scalar = 0.0
     dissipated_J: Scalar = 0.0
     created_J: Scalar = 0.0
+    hand_J: Scalar = 0.0
 
     @property
     def residual_J(self) -> Scalar:
         """What left by neither port nor damping."""
-        supplied = self.guidance_J + self.height_J + self.cable_J
+        supplied = self.guidance_J + self.height_J + self.cable_J + self.hand_J
         return self.handed_J + supplied - self.dissipated_J - self.stored_J
 
 
@@ -76,19 +79,27 @@ def flow(p_before: Array, p_after: Array, u_A: Components, f_c: Array, b: Compon
     )
 
 
+def apart(through: Flow, push: Array, p_before: Array, p_after: Array) -> Flow:
+    """Of a step in which the filter felt f̂_c less `push` (..., 3) N: what the cable passed, and what the hand did."""
+    moved = zip(components(p_before), components(p_after), components(push), strict=True)
+    hand_J = sum(f * (after - before) for before, after, f in moved)
+    return through._replace(cable_J=through.cable_J - hand_J, hand_J=hand_J)
+
+
 def add(balance: Balance, through: Flow, stored_J: Scalar) -> Balance:
     """The books after one step of the filter that ends with `stored_J` of kinetic energy."""
-    stored, handed, guidance, height, cable, dissipated, created = balance
     lost = through.dissipated_xy_J + through.dissipated_z_J
-    excess = stored_J - stored - (through.guidance_J + through.height_J + through.cable_J - lost)
+    supplied = through.guidance_J + through.height_J + through.cable_J + through.hand_J
+    excess = stored_J - balance.stored_J - (supplied - lost)
     return Balance(
         stored_J,
-        handed,
-        guidance + through.guidance_J,
-        height + through.height_J,
-        cable + through.cable_J,
-        dissipated + lost,
-        created + at_least(excess, 0.0),
+        balance.handed_J,
+        balance.guidance_J + through.guidance_J,
+        balance.height_J + through.height_J,
+        balance.cable_J + through.cable_J,
+        balance.dissipated_J + lost,
+        balance.created_J + at_least(excess, 0.0),
+        balance.hand_J + through.hand_J,
     )
 
 

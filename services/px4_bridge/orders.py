@@ -1,6 +1,7 @@
 """What the autopilot is to be asked for now: offboard, arming, landing. A pure decision; acknowledged is not flying.
 
-Only the take-off phase may arm: a vehicle that has disarmed itself in flight or after landing stays so.
+Only the take-off phase may arm: a vehicle that has disarmed itself in flight or after landing stays so. The order to stop
+the motors is no step of this ladder: it waits for no other answer and is repeated until the vehicle is seen disarmed.
 """
 
 from enum import Enum
@@ -8,6 +9,7 @@ from enum import Enum
 from schemas.safety import Permit, Phase
 from schemas.vehicle import FlightMode
 
+FORGOTTEN_S = 3.0  # an autopilot that lands as it should disarms by itself before
 STREAM_FIRST_S = 0.5  # the autopilot refuses offboard without a running stream
 
 
@@ -29,6 +31,16 @@ def next_order(permit: Permit, phase: Phase, armed: bool, mode: FlightMode, stre
     if mode is not FlightMode.OFFBOARD:
         return Order.OFFBOARD
     return Order.NOTHING if armed else Order.ARM
+
+
+def kills(permit: Permit, armed: bool) -> bool:
+    """Whether the motors are to be stopped at once, in whatever phase and mode."""
+    return permit is Permit.KILL and armed
+
+
+def forgotten(phase: Phase, armed: bool, in_air: bool) -> bool:
+    """Whether it stands on the ground with the motors armed and no take-off under way."""
+    return armed and not in_air and phase is not Phase.TAKEOFF
 
 
 class Flown(Enum):
@@ -54,7 +66,7 @@ def streams(permit: Permit, phase: Phase, armed: bool, mode: FlightMode, so_far:
 
     PX4 shows offboard again for a moment when it has landed and disarms: the mode alone does not tell.
     """
-    if so_far is Flown.LEFT:
+    if so_far is Flown.LEFT or permit is Permit.KILL:
         return False
     if not armed:
         return permit is Permit.POSITION and phase is Phase.TAKEOFF

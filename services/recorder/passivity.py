@@ -74,13 +74,14 @@ def physical_books(session: Session) -> Books:
     flies, dt = seen.flies[:-1] & seen.flies[1:], np.diff(seen.t_s)
     u_A, f_c = _mean(seen.u_A), _mean(seen.f_c)
     through = energy.flow(seen.x.p_R[:-1], seen.x.p_R[1:], tuple(u_A.T), f_c, tuple(seen.b_A[1:].T), dt)
-    guidance, height, cable, lost_xy, lost_z = (np.where(flies, x, 0.0) for x in through)
+    guidance, height, cable, lost_xy, lost_z = (np.where(flies, x, 0.0) for x in through[:5])
     kinetic = energy.kinetic(seen.x.v_R, M_A)
     gained = np.diff(kinetic)
     excess = np.where(flies, gained, 0.0) - (guidance + height + cable - lost_xy - lost_z)
     sums = (np.where(flies, 0.0, gained), guidance, height, cable, lost_xy + lost_z, np.maximum(excess, 0.0))
     balance = Balance(kinetic, *(_summed(x) for x in sums))
-    return Books(seen.t_s, balance._replace(handed_J=kinetic[0] + balance.handed_J))
+    unfelt = np.zeros_like(kinetic)  # what a hand near the vehicle did by its push was done to the reference alone
+    return Books(seen.t_s, balance._replace(handed_J=kinetic[0] + balance.handed_J, hand_J=unfelt))
 
 
 def walk(session: Session) -> Walk | None:

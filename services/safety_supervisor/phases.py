@@ -2,6 +2,7 @@
 
 A pure transition function over the phases of `schemas.safety.Phase`. The paper's Ph.1 is takeoff to ready, Ph.2 guiding,
 Ph.3 arrived to landed. Levels come from the rules and from the operator; they override the phase's permit, never raise it.
+KILLED is reached from every phase, by a person alone, and is left only with the process.
 """
 
 from typing import NamedTuple
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from schemas.estimation import Tare
-from schemas.safety import Action, Level, Permit, Phase
+from schemas.safety import RAISES, Action, Level, Permit, Phase
 from services.parameters import Positive, parameters
 
 Array = NDArray[np.float64]
@@ -35,9 +36,19 @@ class Times:
     """For the person to step back before the vehicle moves away."""
     takeoff_limit_s: Positive
     """For the take-off, and again for zeroing."""
+    clearing_limit_s: Positive
+    """Then it lands where it is: somebody may not have let go."""
     ready_limit_s: Positive
     fast_mps: Positive
     slow_mps: Positive
+
+
+class Hall(NamedTuple):
+    """What moves the clearing to where it begins: `end` is where it is drawn from, `low` and `high` where it may go, m in W."""
+
+    end: Array
+    low: Array
+    high: Array
 
 
 class Plan(NamedTuple):
@@ -47,6 +58,8 @@ class Plan(NamedTuple):
     """Hover over the start, the handle hanging at hand height."""
     clearing: tuple[Array, ...]
     """From above the end: away from the person, down until the handle rests on the floor, aside."""
+    hall: Hall | None = None
+    """Without it the clearing is flown as drawn."""
 
 
 class Seen(NamedTuple):
@@ -70,6 +83,8 @@ class PhaseState(NamedTuple):
     timer_s: float = 0.0
     away_s: float = 0.0
     leg: int = 0
+    shift_m: tuple[float, float] = (0.0, 0.0)
+    """Of the clearing, horizontally, to where it began."""
     back_to: Phase = Phase.IDLE
     operator_level: Level = Level.OK
     why: str = ""
@@ -108,17 +123,10 @@ def _settled(state: PhaseState, goal: Array, seen: Seen, dt: float, p: Times) ->
 
 def _operator(state: PhaseState, seen: Seen) -> PhaseState:
     """A command only raises the level, except `resume`, which gives it back."""
-    match seen.action:
-        case Action.EASE:
-            return state._replace(operator_level=max(state.operator_level, Level.EASE))
-        case Action.HOLD:
-            return state._replace(operator_level=max(state.operator_level, Level.HOLD))
-        case Action.LAND:
-            return state._replace(operator_level=max(state.operator_level, Level.LAND))
-        case Action.RESUME if state.operator_level < Level.LAND:
-            return state._replace(operator_level=Level.OK)
-        case _:
-            return state
+    if seen.action is Action.RESUME and state.operator_level < Level.LAND:
+        return state._replace(operator_level=Level.OK)
+    asked = RAISES.get(seen.action, Level.OK) if seen.action else Level.OK
+    return state._replace(operator_level=max(state.operator_level, asked))
 
 
 AIRBORNE = (Phase.TAKEOFF, Phase.ZEROING, Phase.READY, Phase.GUIDING, Phase.ARRIVED, Phase.CLEARING, Phase.HOLD)
@@ -127,6 +135,8 @@ AIRBORNE = (Phase.TAKEOFF, Phase.ZEROING, Phase.READY, Phase.GUIDING, Phase.ARRI
 def _escalate(state: PhaseState, seen: Seen) -> PhaseState | None:
     """What a level does to the phase, or None where the phase goes its own way."""
     level = max(seen.level, state.operator_level)
+    if level >= Level.KILL and state.phase is not Phase.KILLED:
+        return _enter(state, Phase.KILLED, "motors off")
     if state.phase not in AIRBORNE:
         return None
     if level >= Level.DESCEND:
@@ -139,6 +149,11 @@ def _escalate(state: PhaseState, seen: Seen) -> PhaseState | None:
 
 
 def _idle(state: PhaseState, seen: Seen, dt: float, plan: Plan, p: Times) -> PhaseState:
+    if seen.armed:  # begun anew in flight: nothing is known of what was before
+        begun = _enter(
+            state, Phase.HOLD, "the supervisor began in flight: clew land, or clew resume to fly aside and land"
+        )
+        return begun._replace(back_to=Phase.CLEARING)
     ready = seen.action is Action.START and seen.level <= Level.WARN
     return _enter(state._replace(operator_level=Level.OK), Phase.TAKEOFF) if ready else state
 
@@ -180,12 +195,26 @@ def _clearing(state: PhaseState, seen: Seen, dt: float, plan: Plan, p: Times) ->
     if not seen.armed:  # nothing flies, nothing is to be cleared
         return _enter(state, Phase.LANDING)
     if state.leg == 0:
-        return state._replace(leg=1) if state.in_phase_s >= p.step_back_s else state
-    far = float(np.sqrt(np.sum((plan.clearing[state.leg - 1] - seen.p_R) ** 2))) > 2.0 * p.settle_m
+        return _set_out(state, seen, plan) if state.in_phase_s >= p.step_back_s else state
+    if state.in_phase_s > p.clearing_limit_s:
+        return _enter(state, Phase.LANDING, "clearing took too long")
+    far = float(np.sqrt(np.sum((_leg(state, plan) - seen.p_R) ** 2))) > 2.0 * p.settle_m
     if far:
         return state
     done = state.leg == len(plan.clearing)
     return _enter(state, Phase.LANDING) if done else state._replace(leg=state.leg + 1)
+
+
+def _set_out(state: PhaseState, seen: Seen, plan: Plan) -> PhaseState:
+    """Begin the route from here, beside the handle, and not from the end of the path."""
+    x, y = (seen.p_R - plan.hall.end).tolist()[:2] if plan.hall else (0.0, 0.0)
+    return state._replace(leg=1, shift_m=(x, y))
+
+
+def _leg(state: PhaseState, plan: Plan) -> Array:
+    """Where the present leg of the clearing goes."""
+    goal = plan.clearing[state.leg - 1] + np.array([*state.shift_m, 0.0])
+    return np.clip(goal, plan.hall.low, plan.hall.high) if plan.hall else goal
 
 
 def _landing(state: PhaseState, seen: Seen, dt: float, plan: Plan, p: Times) -> PhaseState:
@@ -193,6 +222,8 @@ def _landing(state: PhaseState, seen: Seen, dt: float, plan: Plan, p: Times) -> 
 
 
 def _hold(state: PhaseState, seen: Seen, dt: float, plan: Plan, p: Times) -> PhaseState:
+    if not seen.armed:  # it has come down meanwhile
+        return _enter(state, Phase.LANDING)
     clear = max(seen.level, state.operator_level) < Level.EASE and seen.action is Action.RESUME
     return _enter(state, state.back_to) if clear else state
 
@@ -212,6 +243,7 @@ _PHASES = {
     Phase.LANDING: _landing,
     Phase.LANDED: _stay,
     Phase.HOLD: _hold,
+    Phase.KILLED: _stay,
 }
 
 _PERMITS = {
@@ -224,7 +256,8 @@ _PERMITS = {
     Phase.CLEARING: Permit.POSITION,
     Phase.LANDING: Permit.LAND,
     Phase.LANDED: Permit.NONE,
-    Phase.HOLD: Permit.EASE,
+    Phase.HOLD: Permit.HOLD,
+    Phase.KILLED: Permit.KILL,
 }
 
 
@@ -235,5 +268,5 @@ def _decide(state: PhaseState, seen: Seen, plan: Plan, p: Times) -> Decision:
     if state.phase is Phase.CLEARING:
         if state.leg == 0:  # stand still, compliant, while the person steps back
             return Decision(Permit.EASE, seen.p_R, p.slow_mps, False)
-        return Decision(permit, plan.clearing[state.leg - 1], p.slow_mps, False)
+        return Decision(permit, _leg(state, plan), p.slow_mps, False)
     return Decision(permit, plan.start, p.fast_mps, state.phase is Phase.ZEROING)

@@ -1,7 +1,8 @@
 """Where the vehicle flies in position mode: over the start, and the way down at the end (G10).
 
 Coming straight down would land on the handle and beside the person. So: away from the person along the last direction of
-the path, down until the handle rests on the floor, aside by more than the cable can reach back, and only then land.
+the path, down until the handle rests on the floor, aside by more than the cable can reach back, and only then land. It is
+drawn from the end of the path, and moved to where it begins.
 """
 
 import numpy as np
@@ -9,9 +10,16 @@ import numpy as np
 from services.cable import Cable
 from services.guiding_controller.path import Path
 from services.physics import Array, Z
-from services.safety_supervisor.phases import Plan
+from services.safety_supervisor.phases import Hall, Plan
 
 HORIZONTAL = np.array([1.0, 1.0, 0.0])
+WALL_M = 0.5  # that a route keeps from the walls
+
+
+def hall(path: Path, cable: Cable, handle_weight_N: float, volume_min: Array, volume_max: Array) -> Hall:
+    """Where a landing may go that begins anywhere on the path."""
+    walls = WALL_M * HORIZONTAL
+    return Hall(hover(path.p(1.0), handle_weight_N, cable), volume_min + walls, volume_max - walls)
 
 
 def hover(p_H: Array, handle_weight_N: float, cable: Cable) -> Array:

@@ -14,7 +14,8 @@ import numpy as np
 from schemas.safety import Level, Phase
 from services.parameters import Positive, parameters
 
-FLYING = frozenset(Phase) - {Phase.IDLE, Phase.LANDED}
+FLYING = frozenset(Phase) - {Phase.IDLE, Phase.LANDED, Phase.KILLED}
+ALOFT = FLYING - {Phase.LANDING}
 ENGAGED = frozenset({Phase.READY, Phase.GUIDING, Phase.ARRIVED})
 PREPARED = ENGAGED | {Phase.IDLE}  # on the ground these keep the vehicle from starting
 PULLING = frozenset({Phase.GUIDING, Phase.ARRIVED})
@@ -37,6 +38,9 @@ class Limits:
     """By the filter out of nothing; its books close to rounding, so this is far above any error (energy.py)."""
     age_ease_s: Positive
     age_hold_s: Positive
+    robot_apart_m: Positive
+    robot_lost_s: Positive
+    """The autopilot goes on by dead reckoning, for about twice as long."""
     stall_s: Positive
     """A loop later than this means that the host took the processor away."""
     battery_warn_fraction: Positive
@@ -53,11 +57,14 @@ class Facts(NamedTuple):
     handle_age_s: float
     robot_pose_age_s: float
     """Of what motion capture says; the autopilot's own position goes on without it, and drifts."""
+    robot_apart_m: float
+    """Between motion capture and the autopilot, about where the vehicle is."""
     vehicle_age_s: float
     force_age_s: float
     guidance_age_s: float
     setpoint_age_s: float
     offboard: bool
+    autopilot_lands: bool
     hand_force_N: float
     head_clearance_m: float
     hand_clearance_m: float
@@ -92,11 +99,15 @@ class Rule:
 # fmt: off
 RULES: tuple[Rule, ...] = (
     #    name                 broken when                                          in       debounce level       text                                       cure
-    Rule("vehicle_silent",    lambda f, p: f.vehicle_age_s > p.age_hold_s,          FLYING | {Phase.IDLE}, 0.0, Level.HOLD, "the vehicle's state is stale",             "check the link between bridge and autopilot"),
+    Rule("vehicle_silent",    lambda f, p: f.vehicle_age_s > p.age_ease_s,          FLYING | {Phase.IDLE}, 0.0, Level.EASE, "the vehicle's state is stale",             "check the link between bridge and autopilot"),
+    Rule("vehicle_lost",      lambda f, p: f.vehicle_age_s > p.age_hold_s,          FLYING,  0.0, Level.DESCEND, "the vehicle has long been silent",        "let go, step back: the autopilot lands by itself"),
+    Rule("autopilot_lands",   lambda f, p: f.autopilot_lands,                       ALOFT,   0.1, Level.DESCEND, "the autopilot lands by itself",           "let go, step back"),
     Rule("handle_hidden",     lambda f, p: f.handle_age_s > p.age_ease_s,           PREPARED, 0.0, Level.EASE,  "the handle is not seen",                   "check its markers and the capture system"),
     Rule("handle_lost",       lambda f, p: f.handle_age_s > p.age_hold_s,           ENGAGED, 2.0, Level.HOLD,  "the handle has not been seen for long",    "check its markers and the capture system"),
     Rule("robot_hidden",      lambda f, p: f.robot_pose_age_s > p.age_hold_s,       PREPARED, 0.5, Level.EASE, "the vehicle is not seen",                  "check its markers and the capture system"),
-    Rule("robot_lost",        lambda f, p: f.robot_pose_age_s > p.age_hold_s,       FLYING,  1.5, Level.LAND,  "the autopilot flies without motion capture", "let go of the handle: it lands"),
+    Rule("robot_lost",        lambda f, p: f.robot_pose_age_s > p.robot_lost_s,     FLYING,  0.0, Level.DESCEND, "the autopilot flies without motion capture", "let go, step back: it lands"),
+    Rule("robot_elsewhere",   lambda f, p: f.robot_apart_m > p.robot_apart_m,       ALOFT,   0.1, Level.EASE,  "motion capture sees the vehicle elsewhere", "check the markers of vehicle and handle"),
+    Rule("robot_gone",        lambda f, p: f.robot_apart_m > p.robot_apart_m,       ALOFT,   2.0, Level.DESCEND, "motion capture has long seen the vehicle elsewhere", "let go, step back: it lands"),
     Rule("force_silent",      lambda f, p: f.force_age_s > p.age_ease_s,            PREPARED, 0.0, Level.EASE,  "the force estimate is stale",              "check force_estimator and the IMU stream"),
     Rule("guidance_silent",   lambda f, p: f.guidance_age_s > p.age_ease_s,         PULLING, 0.0, Level.EASE,  "guidance is stale",                        "check guiding_controller and the radio"),
     Rule("setpoints_silent",  lambda f, p: f.setpoint_age_s > p.age_ease_s,         ENGAGED, 0.0, Level.EASE,  "no set-points leave the bridge",           "check px4_bridge"),

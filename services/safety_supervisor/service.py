@@ -27,7 +27,9 @@ from services.physics import Array, norm
 from services.runtime.node import Node, Tick, used
 from services.runtime.readers import Latest
 from services.safety_supervisor import distances, held, phases, rules
-from services.safety_supervisor.plan import plan
+from services.safety_supervisor.novelty import Novelty
+from services.safety_supervisor.plan import hall, plan
+from services.safety_supervisor.requests import Requests
 from services.safety_supervisor.rules import Facts, Rule
 
 
@@ -35,8 +37,7 @@ class Senses:
     """The supervisor's ears: one reader per topic it judges by."""
 
     def __init__(self, node: Node) -> None:
-        self.handle = node.latest(HANDLE_STATE)
-        self.robot_pose = node.latest(ROBOT_POSE)
+        self.handle, self.robot_pose = node.latest(HANDLE_STATE), node.latest(ROBOT_POSE)
         self.vehicle = node.latest(VEHICLE_STATE)
         self.force = node.latest(CABLE_FORCE)
         self.guidance = node.latest(GUIDANCE)
@@ -44,6 +45,15 @@ class Senses:
         self.energy = node.latest(ENERGY)
         self.requests = node.queue(REQUEST)
         self.clocks = node.latest(RADIO_CLOCK) if node.hosts.two else None
+        measured = (self.handle, self.robot_pose, self.vehicle, self.force, self.guidance)
+        self.novelty = {reader.topic.key: Novelty() for reader in measured}
+
+    def age_s(self, reader: Latest[Any]) -> float:
+        """Since a valid message last said something new; infinite for an invalid one or none."""
+        if reader.message is None or not reader.message.valid:
+            return float("inf")
+        novelty = self.novelty.get(reader.topic.key)
+        return reader.age_s if novelty is None else novelty.age_s(reader.message, reader.age_s)
 
     def inputs(self, tick: Tick) -> dict[str, int]:
         """What a verdict was made of."""
@@ -69,19 +79,23 @@ async def run(node: Node, config: Config) -> None:
     out, replies = node.publisher(SAFETY_STATE), node.publisher(REPLY)
     weight_N = config.px4_bridge.flight.handle_weight_N
     route = plan(path, config.cable, weight_N, p.below_m, p.away_m, p.aside_m)
+    volume = np.array(config.world.volume_min_m), np.array(config.world.volume_max_m)
+    route = route._replace(hall=hall(path, config.cable, weight_N, *volume))
     person = Person(held.start(p.held), path.t_hat(0.0))
-    state, broken, stalls = phases.PhaseState(), rules.initial(), 0
+    state, broken, stalls, requests = phases.PhaseState(), rules.initial(), 0, Requests()
     async for tick in node.ticks(SAFETY_STATE.rate_Hz):
         person = _observe(person, senses, tick.dt_s, config)
         facts = _facts(senses, person, tick.missed / SAFETY_STATE.rate_Hz, config)
         stalls += facts.stall_s > p.limits.stall_s
-        request = (senses.requests.drain() or [None])[-1]
+        request = requests.next(senses.requests.drain())
         action = request.action if request else None
         broken, active = rules.step(broken, facts, state.phase, action is Action.RESUME, tick.dt_s, p.limits)
         seen = _seen(action, active, senses, bool(person.held.held), path.p(1.0))
         state, decision = phases.step(state, seen, tick.dt_s, route, p.times)
         if request:
-            replies.publish(_reply(request, state, active))
+            requests.answered(_reply(request, state, active))
+        for reply in requests.replies():
+            replies.publish(reply)
         node.status = f"{state.phase} {state.why}".strip()
         out.publish(
             SafetyState(
@@ -138,13 +152,15 @@ def _facts(senses: Senses, person: Person, stall_s: float, config: Config) -> Fa
     weight = np.array([0.0, 0.0, config.px4_bridge.flight.handle_weight_N])
     pull = float(norm(force.force_N.array() - weight)) if force and person.held.held else 0.0
     return Facts(
-        handle_age_s=_age_s(senses.handle),
-        robot_pose_age_s=_age_s(senses.robot_pose),
-        vehicle_age_s=_age_s(senses.vehicle),
-        force_age_s=_age_s(senses.force),
-        guidance_age_s=_age_s(senses.guidance),
-        setpoint_age_s=_age_s(senses.setpoint),
+        handle_age_s=senses.age_s(senses.handle),
+        robot_pose_age_s=senses.age_s(senses.robot_pose),
+        robot_apart_m=_apart_m(senses),
+        vehicle_age_s=senses.age_s(senses.vehicle),
+        force_age_s=senses.age_s(senses.force),
+        guidance_age_s=senses.age_s(senses.guidance),
+        setpoint_age_s=senses.age_s(senses.setpoint),
         offboard=robot is not None and robot.mode is FlightMode.OFFBOARD,
+        autopilot_lands=robot is not None and robot.armed and robot.mode in (FlightMode.LAND, FlightMode.DESCEND),
         hand_force_N=pull,
         head_clearance_m=float(near.head) if person.held.held else np.inf,
         hand_clearance_m=float(near.hand) if person.held.held else np.inf,
@@ -160,16 +176,17 @@ def _facts(senses: Senses, person: Person, stall_s: float, config: Config) -> Fa
     )
 
 
+def _apart_m(senses: Senses) -> float:
+    """How far motion capture and the autopilot disagree about where the vehicle is."""
+    pose, robot = senses.robot_pose.value, senses.vehicle.value
+    return float(norm(pose.position_m.array() - robot.position_m.array())) if pose and robot else 0.0
+
+
 def _clock_uncertainty_s(senses: Senses) -> float:
     if senses.clocks is None:
         return 0.0
     clock = senses.clocks.value
     return clock.uncertainty_s if clock else float("inf")
-
-
-def _age_s(reader: Latest[Any]) -> float:
-    """Since a valid message's content was true; infinite for an invalid one or none."""
-    return reader.age_s if reader.message is not None and reader.message.valid else float("inf")
 
 
 def _seen(action: Action | None, active: list[Rule], senses: Senses, is_held: bool, end: Array) -> phases.Seen:
@@ -190,6 +207,9 @@ def _seen(action: Action | None, active: list[Rule], senses: Senses, is_held: bo
 def _reasons(state: phases.PhaseState, active: list[Rule], senses: Senses) -> list[str]:
     """The gravest first; then why this phase was entered, and what zeroing says."""
     texts = [f"{rule.text}: {rule.cure}" for rule in active]
+    if state.operator_level >= Level.EASE:
+        told = f"a person asked to {state.operator_level.name.lower()}"
+        texts.insert(0, f"{told}: clew resume goes on" if state.operator_level < Level.LAND else told)
     force = senses.force.message
     if force and force.tare is Tare.FAILED:
         texts.append(f"zeroing failed: {force.tare_report}")
@@ -197,6 +217,10 @@ def _reasons(state: phases.PhaseState, active: list[Rule], senses: Senses) -> li
 
 
 def _reply(request: OperatorRequest, state: phases.PhaseState, active: list[Rule]) -> OperatorReply:
-    refused = request.action is Action.START and state.phase is Phase.IDLE
+    """What came of a request, in words."""
+    not_started = request.action is Action.START and state.phase is Phase.IDLE
+    limited = [rule for rule in active if rule.level >= Level.EASE]
+    not_resumed = request.action is Action.RESUME and (state.phase is Phase.HOLD or bool(limited))
+    refused = not_started or not_resumed
     text = "; ".join(rule.text for rule in active) or "not ready" if refused else f"phase {state.phase}"
     return OperatorReply(request_id=request.request_id, accepted=not refused, text=text)

@@ -62,11 +62,12 @@ class Kind(StrEnum):
     PUSH = "push"  # a force
     WALK_AWAY = "walk_away"  # a force, meant to last
     LET_GO = "let_go"  # opens the hand
+    RAISE = "raise"  # moves the hand up, or down, from its height
 
 
 @dataclass(frozen=True, kw_only=True)
 class Event:
-    """One deed: from `start_s` for `duration_s`, with a horizontal force where the kind asks for one.
+    """One deed: from `start_s` for `duration_s`, with what its kind asks for: a horizontal force, or a height and a speed.
 
     Of a crowd each number is an array (...); who does nothing of the kind starts at infinity.
     """
@@ -75,6 +76,8 @@ class Event:
     start_s: float
     duration_s: float = math.inf
     force_W_N: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rise_m: float = 0.0
+    speed_mps: float = 0.5
 
     def __post_init__(self) -> None:
         """Refuse what cannot be meant. Raises ValueError."""
@@ -82,6 +85,8 @@ class Event:
             raise ValueError(f"{self.kind}.duration_s = {self.duration_s} must be above 0")
         if self.kind in (Kind.PUSH, Kind.WALK_AWAY) and not any(np.any(f) for f in self.force_W_N[:2]):
             raise ValueError(f"{self.kind}.force_W_N = {self.force_W_N} must have a horizontal part")
+        if not self.speed_mps > 0.0:
+            raise ValueError(f"{self.kind}.speed_mps = {self.speed_mps} must be above 0")
 
     def covers(self, t_s: float) -> Scalar:
         """Whether the event is going on at `t_s`: a bool, of a crowd (...) of them."""
@@ -112,6 +117,14 @@ def lean(f_c_W: Array, p: Human) -> Array:
 def lets_go(t_s: float, script: Behaviour) -> bool:
     """Whether the script opens the hand at `t_s`."""
     return any(event.kind is Kind.LET_GO and event.covers(t_s) for event in script)
+
+
+def rise(t_s: float, script: Behaviour) -> tuple[float, float]:
+    """How far above its height the script wants the hand at `t_s` in m, and how fast it goes there in m/s (0: no wish)."""
+    for event in script:
+        if event.kind is Kind.RAISE and event.covers(t_s):
+            return event.rise_m, event.speed_mps
+    return 0.0, 0.0
 
 
 def _deed(event: Event, state: HumanState, p: Human) -> Array:

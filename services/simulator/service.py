@@ -17,6 +17,7 @@ from services.simulator.pilot import StandIn
 from services.simulator.stage import Stage
 from services.simulator.world import Told
 
+SILENCE_SEEN_S = 1.5
 CATCH_UP_S = 0.1
 """After a stall of the host the world goes on by at most this much: what it did in between was not calculated."""
 
@@ -60,9 +61,11 @@ async def act(node: Node, stage: Stage) -> None:
 
 
 def _told(safety: Latest[SafetyState]) -> Told:
-    """What the experimenter says, who watches the supervisor's phase."""
+    """What the experimenter says, who watches the supervisor's phase, and knows what to say when it falls silent."""
     phase = safety.message.phase if safety.message else Phase.IDLE
+    if safety.message and safety.age_s > SILENCE_SEEN_S:
+        return Told(let_go=True)
     return Told(
         take=phase in (Phase.READY, Phase.GUIDING),
-        let_go=phase in (Phase.CLEARING, Phase.LANDING, Phase.LANDED),
+        let_go=phase in (Phase.CLEARING, Phase.LANDING, Phase.LANDED, Phase.KILLED),
     )

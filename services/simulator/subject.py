@@ -72,6 +72,9 @@ class SubjectInput(NamedTuple):
     told_to_let_go: bool = False
     wants_to_let_go: bool = False
     u_H_W: Array = np.zeros(3)
+    rise_m: float = 0.0
+    """Above the hand's height, and at `rise_mps` where that is above 0."""
+    rise_mps: float = 0.0
 
 
 class SubjectOutput(NamedTuple):
@@ -157,7 +160,8 @@ def _walk(state: SubjectState, said: SubjectInput, dt: float, p: Subject, body: 
     after = human.step(person, said.f_c_W, stand, dt, body)
     (x, y, _), (v_x, v_y, _) = components(after.p_H_W), components(after.v_H_W)
     z, v_z = float(person.p_H_W[2]), float(person.v_H_W[2])
-    climb = clamp(p.reach_rate_per_s * (body.hand_height_m - z), -p.reach_speed_mps, p.reach_speed_mps)
+    fastest, height = said.rise_mps or p.reach_speed_mps, body.hand_height_m + said.rise_m
+    climb = clamp(p.reach_rate_per_s * (height - z), -fastest, fastest)
     v_z -= math.expm1(-dt / p.hand_lag_s) * (climb - v_z)
     return HumanState(vector(x, y, z + dt * v_z), vector(v_x, v_y, v_z), after.facing_W)
 

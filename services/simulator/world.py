@@ -74,7 +74,8 @@ def _said(state: WorldState, f_c: Array, told: Told, p: WorldParams) -> SubjectI
         return SubjectInput(state.handle.p_W, f_c, told.take, told.let_go)
     wish = human.u_H(state.held_s, state.subject.person, p.behaviour, p.human) + human.lean(f_c, p.human)
     opens = human.lets_go(state.held_s, p.behaviour)
-    return SubjectInput(state.handle.p_W, f_c, told.take, told.let_go, opens, wish)
+    rise_m, rise_mps = human.rise(state.held_s, p.behaviour)
+    return SubjectInput(state.handle.p_W, f_c, told.take, told.let_go, opens, wish, rise_m, rise_mps)
 
 
 def look(state: WorldState, p: WorldParams) -> SubjectOutput:

@@ -18,6 +18,7 @@ DEVICES = {
     "service",
     *("sources", "capture", "driver"),
     "stage",
+    "ears",
     "vehicle",
     "vehicle_protocol",
     "mavlink",

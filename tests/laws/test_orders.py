@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from schemas.safety import Permit, Phase
 from schemas.vehicle import FlightMode
-from services.px4_bridge.orders import STREAM_FIRST_S, Flown, Order, flown, next_order, streams
+from services.px4_bridge.orders import STREAM_FIRST_S, Flown, Order, flown, kills, next_order, streams
 from services.px4_bridge.permits import effective
 
 # permits.effective
@@ -21,7 +21,7 @@ LESS = [Permit.GUIDE, Permit.WAIT, Permit.POSITION]  # what a fresh word may all
 @pytest.mark.parametrize("permit", list(Permit))
 @pytest.mark.parametrize("age_s", [0.0, 0.2, 0.21, 2.9, 3.0, 3.1, float("inf")])
 def test_what_a_word_is_worth_when_it_grows_old(permit: Permit, age_s: float) -> None:
-    if permit in (Permit.NONE, Permit.LAND) or age_s <= SILENT_S:
+    if permit in (Permit.NONE, Permit.LAND, Permit.KILL) or age_s <= SILENT_S:
         expected = permit
     else:
         expected = Permit.EASE if age_s <= LOST_S else Permit.LAND
@@ -33,9 +33,9 @@ def test_without_a_word_nothing_is_permitted() -> None:
     assert effective(None, 0.0, SILENT_S, LOST_S) is Permit.NONE
 
 
-@given(st.sampled_from([p for p in Permit if p is not Permit.NONE]), st.lists(AGES, min_size=2).map(sorted))
+@given(st.sampled_from([*LESS, Permit.EASE, Permit.HOLD, Permit.LAND]), st.lists(AGES, min_size=2).map(sorted))
 def test_age_only_takes_away(permit: Permit, ages: list[float]) -> None:
-    order = [*LESS, Permit.EASE, Permit.LAND]
+    order = [*LESS, Permit.HOLD, Permit.EASE, Permit.LAND]  # an old word to hold gives way as well
     ranks = [max(order.index(effective(permit, age, SILENT_S, LOST_S)), order.index(Permit.EASE) - 1) for age in ages]
     assert all(a <= b for a, b in pairwise(ranks))
 
@@ -77,7 +77,7 @@ def test_set_points_leave_only_with_a_permit_and_not_against_the_autopilots_land
             assert armed or (permit, phase) == (Permit.POSITION, Phase.TAKEOFF)
 
 
-@pytest.mark.parametrize("permit", [p for p in Permit if p is not Permit.NONE])
+@pytest.mark.parametrize("permit", [p for p in Permit if p not in (Permit.NONE, Permit.KILL)])
 def test_in_the_air_every_permit_streams_while_the_autopilot_listens(permit: Permit) -> None:
     """Up to the moment in which it lands by itself: a gap before that would be a failsafe."""
     for phase, mode in product(Phase, (FlightMode.OFFBOARD, FlightMode.HOLD, FlightMode.OTHER)):
@@ -88,6 +88,14 @@ def test_in_the_air_every_permit_streams_while_the_autopilot_listens(permit: Per
 def test_on_the_ground_a_take_off_begins_with_the_stream(mode: FlightMode) -> None:
     """Whatever the mode: after a landing the autopilot is still in it."""
     assert streams(Permit.POSITION, Phase.TAKEOFF, False, mode)
+
+
+def test_motors_are_stopped_by_a_kill_alone_whatever_the_mode() -> None:
+    for permit, phase, armed, mode in EVERYTHING:
+        assert kills(permit, armed) == (permit is Permit.KILL and armed)
+        if permit is Permit.KILL:
+            assert not streams(permit, phase, armed, mode)
+            assert next_order(permit, phase, armed, mode, 100.0) is Order.NOTHING
 
 
 # orders.flown

@@ -14,7 +14,7 @@ from tests.laws.test_phases import DT, FAR, ROUTE, P
 
 # Mostly quiet, so that every phase is reached, with anything at any time.
 ACTIONS = st.sampled_from([None, None, None, None, *Action])
-LEVELS = st.sampled_from([Level.OK] * 8 + list(Level))
+LEVELS = st.sampled_from([Level.OK] * 8 + [level for level in Level if level is not Level.KILL])  # no rule kills
 PLACES = st.sampled_from([ROUTE.start, *ROUTE.clearing, FAR])
 SIGHTS = st.builds(
     Seen,
@@ -63,15 +63,21 @@ def test_the_ground_is_reached_only_disarmed_and_never_left_uncalled(
         if state.phase is Phase.IDLE:
             assert before.phase is Phase.IDLE
         if before.phase is Phase.LANDED:
-            assert state.phase is Phase.LANDED
+            assert state.phase in (Phase.LANDED, Phase.KILLED)
+        if state.phase is Phase.KILLED is not before.phase:
+            assert seen.action is Action.KILL
+            continue
         if before.phase is Phase.IDLE is not state.phase:
-            assert (state.phase, seen.action) == (Phase.TAKEOFF, Action.START)
-            assert seen.level < Level.EASE
+            if state.phase is Phase.HOLD:
+                assert seen.armed  # this supervisor began in flight
+            else:
+                assert (state.phase, seen.action) == (Phase.TAKEOFF, Action.START)
+                assert seen.level < Level.EASE
 
 
 @given(FIRST, HISTORIES)
 def test_a_command_only_raises_the_level_until_resume(first: Phase, history: list[tuple[Seen, int]]) -> None:
-    asked = {Action.EASE: Level.EASE, Action.HOLD: Level.HOLD, Action.LAND: Level.LAND}
+    asked = {Action.EASE: Level.EASE, Action.HOLD: Level.HOLD, Action.LAND: Level.LAND, Action.KILL: Level.KILL}
     for (_, before, _), (seen, state, _) in pairwise(play(first, history)):
         if before.phase is Phase.IDLE:
             continue  # starting begins anew
@@ -92,7 +98,9 @@ def test_hold_is_left_only_by_a_person_or_downwards(first: Phase, history: list[
         if before.phase is Phase.HOLD is not state.phase:
             level = max(seen.level, state.operator_level)
             if level >= Level.LAND:
-                assert state.phase in (Phase.CLEARING, Phase.LANDING)
+                assert state.phase in (Phase.CLEARING, Phase.LANDING, Phase.KILLED)
+            elif not seen.armed:
+                assert state.phase is Phase.LANDING  # it has come down meanwhile
             else:
                 assert (state.phase, seen.action) == (origin, Action.RESUME)
                 assert level < Level.EASE

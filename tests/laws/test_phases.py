@@ -19,6 +19,7 @@ P = Times(
     arrived_m=0.1,
     step_back_s=0.8,
     takeoff_limit_s=5.0,
+    clearing_limit_s=20.0,
     ready_limit_s=4.0,
     fast_mps=0.6,
     slow_mps=0.4,
@@ -26,14 +27,15 @@ P = Times(
 DT = 0.1
 ROUTE = Plan(np.array([0.0, 0.0, 2.0]), (np.array([3.0, 0, 2]), np.array([3.0, 0, 1]), np.array([3.0, 1, 1])))
 FAR = np.array([9.0, 9.0, 0.0])
-FLYING = tuple(p for p in Phase if p not in (Phase.IDLE, Phase.LANDED))
+FLYING = tuple(p for p in Phase if p not in (Phase.IDLE, Phase.LANDED, Phase.KILLED))
 OBEYING = tuple(p for p in FLYING if p is not Phase.LANDING)  # from there only the ground is left
 BEFORE_HOLD = tuple(p for p in OBEYING if p is not Phase.HOLD)
 CALM = Seen(None, Level.OK, FAR, np.zeros(3), armed=True, tare=Tare.NONE, held=False, end_distance_m=9.0)
 
 
 def tick(state: PhaseState, **seen: object) -> tuple[PhaseState, Decision]:
-    return phases.step(state, CALM._replace(**seen), DT, ROUTE, P)
+    at_rest = {"armed": state.phase is not Phase.IDLE}  # whatever is armed when the supervisor begins, flies already
+    return phases.step(state, CALM._replace(**(at_rest | seen)), DT, ROUTE, P)
 
 
 def after(state: PhaseState, seconds: float, **seen: object) -> PhaseState:
@@ -162,7 +164,8 @@ def test_the_permits_of_a_calm_flight() -> None:
         Phase.CLEARING: Permit.EASE,
         Phase.LANDING: Permit.LAND,
         Phase.LANDED: Permit.NONE,
-        Phase.HOLD: Permit.EASE,
+        Phase.HOLD: Permit.HOLD,
+        Phase.KILLED: Permit.KILL,
     }
     assert {phase: tick(PhaseState(phase), held=True)[1].permit for phase in Phase} == expected
 
@@ -180,7 +183,7 @@ def test_descend_lands_at_once(phase: Phase, by: dict[str, object]) -> None:
 @pytest.mark.parametrize("by", [{"level": Level.HOLD}, {"action": Action.HOLD}], ids=["rule", "person"])
 def test_hold_stops_everything_and_goes_back_to_where_it_was(phase: Phase, by: dict[str, object]) -> None:
     held, decision = tick(PhaseState(phase), **by)
-    assert (held.phase, decision.permit) == (Phase.HOLD, Permit.EASE)
+    assert (held.phase, decision.permit) == (Phase.HOLD, Permit.HOLD)
     waited = after(held, 2.0)
     assert waited.phase is Phase.HOLD
     blocked = after(waited, DT, action=Action.RESUME, level=Level.EASE)
@@ -229,3 +232,52 @@ def test_ease_is_taken_back_by_resume_in_the_same_phase() -> None:
 def test_no_pull_from_ease_on(phase: Phase, level: Level) -> None:
     permit = tick(PhaseState(phase), held=True, level=level)[1].permit
     assert (permit in (Permit.WAIT, Permit.GUIDE)) == (level < Level.EASE)
+
+
+@pytest.mark.parametrize("phase", list(Phase))
+def test_kill_stops_the_motors_from_every_phase_for_good(phase: Phase) -> None:
+    killed, decision = tick(PhaseState(phase), action=Action.KILL)
+    assert (killed.phase, decision.permit) == (Phase.KILLED, Permit.KILL)
+    for action in Action:
+        assert after(killed, 1.0, action=action, armed=False).phase is Phase.KILLED
+    assert killed.operator_level is Level.KILL
+
+
+@pytest.mark.parametrize("phase", [p for p in Phase if p is not Phase.KILLED])
+def test_only_a_person_stops_the_motors(phase: Phase) -> None:
+    for level in Level:
+        if level is not Level.KILL:
+            assert after(PhaseState(phase), 1.0, level=level).phase is not Phase.KILLED
+
+
+def test_a_clearing_that_does_not_get_on_ends_in_a_landing() -> None:
+    """Somebody who does not let go keeps the vehicle near: then it comes down there."""
+    took, state = leaves_after(Phase.CLEARING, P.clearing_limit_s + 1.0, held=True)
+    assert state.phase is Phase.LANDING
+    assert took > P.clearing_limit_s
+
+
+def test_a_supervisor_that_begins_in_flight_holds_and_then_only_lands() -> None:
+    begun, decision = tick(PhaseState(Phase.IDLE), armed=True)
+    assert (begun.phase, decision.permit) == (Phase.HOLD, Permit.HOLD)
+    assert "began in flight" in begun.why
+    assert after(begun, 5.0, held=True).phase is Phase.HOLD
+    assert tick(begun, action=Action.RESUME)[0].phase is Phase.CLEARING
+    assert after(begun, 3 * DT, armed=False).phase is Phase.LANDED
+
+
+def test_asked_to_land_on_the_way_it_lands_beside_the_handle() -> None:
+    """The route of the end of the path, moved to where the vehicle is, and never through a wall."""
+    here = np.array([-1.0, 0.4, 1.7])
+    hall = phases.Hall(np.array([1.0, 0.0, 2.0]), np.array([-4.0, -3.0, 0.0]), np.array([1.5, 3.0, 3.0]))
+    route = ROUTE._replace(hall=hall)
+    state, _ = phases.step(PhaseState(Phase.GUIDING), CALM._replace(action=Action.LAND, p_R=here), DT, route, P)
+    goals = []
+    while state.phase is Phase.CLEARING:
+        state, decision = phases.step(state, CALM._replace(p_R=goals[-1] if goals else here), DT, route, P)
+        if decision.permit is Permit.POSITION and not any(np.array_equal(decision.goal, g) for g in goals):
+            goals.append(decision.goal)
+    assert np.allclose(goals, [[1.0, 0.4, 2.0], [1.0, 0.4, 1.0], [1.0, 1.4, 1.0]])
+    wall = route._replace(hall=hall._replace(high=np.array([0.3, 3.0, 3.0])))
+    begun = PhaseState(Phase.CLEARING, leg=1, shift_m=(-2.0, 0.4))
+    assert phases.step(begun, CALM, DT, wall, P)[1].goal[0] == 0.3

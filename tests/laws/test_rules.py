@@ -22,6 +22,8 @@ P = Limits(
     energy_created_warn_J=1e-6,
     age_ease_s=0.2,
     age_hold_s=1.0,
+    robot_apart_m=0.3,
+    robot_lost_s=2.5,
     stall_s=0.1,
     battery_warn_fraction=0.3,
     battery_land_fraction=0.15,
@@ -36,7 +38,9 @@ FINE = Facts(
     force_age_s=0.0,
     guidance_age_s=0.0,
     setpoint_age_s=0.0,
+    robot_apart_m=0.0,
     offboard=True,
+    autopilot_lands=False,
     hand_force_N=0.0,
     head_clearance_m=np.inf,
     hand_clearance_m=np.inf,
@@ -48,18 +52,24 @@ FINE = Facts(
     battery_fraction=1.0,
     stall_s=0.0,
 )
-WORST = Facts(9.0, 9.0, 9.0, 9.0, 9.0, 9.0, False, 9.0, 0.0, 0.0, 1.0, 1.0, 9.0, 9.0, 0.0, 0.0, 9.0, 9.0, 9.0)
+WORST = Facts(
+    9.0, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0, False, True, 9.0, 0.0, 0.0, 1.0, 1.0, 9.0, 9.0, 0.0, 0.0, 9.0, 9.0, 9.0
+)
 DT = 0.05
 NAMES = {rule.name: rule for rule in RULES}
 # One value on either side of each limit: what breaks exactly this rule (and those that a graver case of it implies).
 CASES: dict[str, tuple[str, object, object, set[str]]] = {
     "clocks_unknown": ("clock_uncertainty_s", 0.049, 0.051, set()),
     "time_of_day": ("time_of_day_apart_s", 0.99, 1.01, set()),
-    "vehicle_silent": ("vehicle_age_s", 0.99, 1.01, set()),
+    "vehicle_silent": ("vehicle_age_s", 0.19, 0.21, set()),
+    "vehicle_lost": ("vehicle_age_s", 0.99, 1.01, {"vehicle_silent"}),
+    "robot_elsewhere": ("robot_apart_m", 0.29, 0.31, {"robot_gone"}),
+    "robot_gone": ("robot_apart_m", 0.29, 0.31, {"robot_elsewhere"}),
+    "autopilot_lands": ("autopilot_lands", False, True, set()),
     "handle_hidden": ("handle_age_s", 0.19, 0.21, set()),
     "handle_lost": ("handle_age_s", 0.99, 1.01, {"handle_hidden"}),
-    "robot_hidden": ("robot_pose_age_s", 0.99, 1.01, {"robot_lost"}),
-    "robot_lost": ("robot_pose_age_s", 0.99, 1.01, {"robot_hidden"}),
+    "robot_hidden": ("robot_pose_age_s", 0.99, 1.01, set()),
+    "robot_lost": ("robot_pose_age_s", 2.49, 2.51, {"robot_hidden"}),
     "force_silent": ("force_age_s", 0.19, 0.21, set()),
     "guidance_silent": ("guidance_age_s", 0.19, 0.21, set()),
     "setpoints_silent": ("setpoint_age_s", 0.19, 0.21, set()),
@@ -216,7 +226,9 @@ FACTS = st.builds(
     force_age_s=AGE,
     guidance_age_s=AGE,
     setpoint_age_s=AGE,
+    robot_apart_m=LENGTH,
     offboard=st.booleans(),
+    autopilot_lands=st.booleans(),
     hand_force_N=st.floats(0.0, 8.0),
     head_clearance_m=LENGTH,
     hand_clearance_m=LENGTH,

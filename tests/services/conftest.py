@@ -4,7 +4,8 @@ import pytest
 
 from services.config import load
 from services.recorder.reading import read
-from tests.services.chain import fly, whole
+from services.rehearsal.chain import whole
+from tests.services.chain import fly
 
 
 @pytest.fixture(scope="session")

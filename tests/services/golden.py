@@ -11,7 +11,8 @@ import numpy as np
 
 from services.config import load
 from services.recorder import Session
-from tests.services.chain import fly, whole
+from services.rehearsal.chain import whole
+from tests.services.chain import fly
 
 FILE = Path(__file__).parents[1] / "golden" / "flight.csv"
 STEP_S = 0.5

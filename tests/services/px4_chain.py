@@ -12,6 +12,7 @@ from schemas.safety import Action, Phase
 from schemas.topics import SAFETY_STATE
 from services.config import Config, load
 from services.px4_bridge import service as bridge
+from services.rehearsal.chain import ON_THE_BUS_ONLY, Flight, Runs, Stage, perform
 from services.runtime.memory_bus import MemoryBus
 from services.runtime.node import Node
 from services.runtime.virtual import VirtualClock, run_virtual
@@ -19,7 +20,6 @@ from services.simulator import px4_process
 from services.simulator import service as simulator
 from services.simulator.px4_hil import Px4Hil
 from services.simulator.stage import Stage as World
-from tests.services.chain import ON_THE_BUS_ONLY, Flight, Runs, Stage, perform
 from tests.services.px4_vehicle import Px4Vehicle
 
 PX4_BIN = os.environ.get("PX4_BIN", "")
@@ -66,13 +66,13 @@ async def _flight(config: Config, script: Script, hil: Px4Hil) -> Flight:
     port = int(config.px4_bridge.link.url.rsplit(":", 1)[1])
     vehicle = Px4Vehicle(config.px4_bridge.vehicle, clock.now_ns, hil, port)
 
-    async def bridging() -> None:
+    async def bridging(node: Node) -> None:
         await vehicle.ready()
-        await bridge.fly(Node("px4_bridge", bus, clock), config, vehicle)
+        await bridge.fly(node, config, vehicle)
 
     runs: Runs = {
-        "simulator": simulator.act(Node("simulator", bus, clock), World(config, lambda _: vehicle)),
-        "px4_bridge": bridging(),
+        "simulator": lambda node: simulator.act(node, World(config, lambda _: vehicle)),
+        "px4_bridge": bridging,
     }
     try:
         return await perform(config, script, bus, clock, vehicle, runs, ("recorder", *ON_THE_BUS_ONLY))

@@ -21,9 +21,9 @@ from schemas.safety import Phase
 from schemas.topics import TRUTH
 from services.px4_bridge.telecommand import RATES_Hz
 from services.px4_bridge.telemetry import Telemetry
+from services.rehearsal.chain import Stage
+from services.rehearsal.quick import quicker
 from tests.services import px4_chain
-from tests.services.chain import Stage
-from tests.services.quick import quicker
 
 FOLDER = Path(__file__).parents[1] / "data"
 LOG, TRUTHS = FOLDER / "px4_flight.tlog.xz", FOLDER / "px4_flight_truth.csv.xz"

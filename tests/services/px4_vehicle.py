@@ -171,6 +171,10 @@ class Px4Vehicle(Vehicle, Pilot):
         await self._command(f"mode {mode.value}", telecommand.mode(mode))
         await self._shown(f"mode {mode.value}", lambda now: now.mode is mode)
 
+    async def kill(self) -> None:
+        await self._command("kill", telecommand.command(telecommand.ARM, 0.0, telecommand.FORCED))
+        await self._shown("kill", lambda now: not now.armed)
+
     async def terminate(self) -> None:
         await self._command("flight termination", telecommand.command(telecommand.TERMINATE, 1.0))
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from schemas.topics import TOPICS
 from services.recorder.writer import SessionWriter
-from tests.services.chain import Flight
+from services.rehearsal.chain import Flight
 from tests.services.synthetic import EPOCH_NS
 
 

@@ -251,6 +251,7 @@ class _Cast:
                 guidance_J=guided[i],
                 height_J=0.0,
                 cable_J=-0.5 * guided[i],
+                hand_J=0.0,
                 dissipated_J=0.5 * guided[i],
                 residual_J=-made[i],
                 created_J=made[i],

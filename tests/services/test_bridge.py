@@ -23,6 +23,8 @@ from services import cable
 from services.config import load
 from services.physics import norm
 from services.px4_bridge import service as px4_bridge
+from services.rehearsal.chain import Stage
+from services.rehearsal.direct_vehicle import DirectVehicle
 from services.simulator import service as simulator
 from tests.services.alone import (
     Alone,
@@ -35,8 +37,7 @@ from tests.services.alone import (
     since,
     verdict,
 )
-from tests.services.chain import Stage, check_balance, fly
-from tests.services.direct_vehicle import DirectVehicle
+from tests.services.chain import check_balance, fly
 
 CONFIG = load("demo")
 HAND = CONFIG.guided_path.p(0.2)

@@ -16,9 +16,10 @@ from services.guiding_controller import maneuver
 from services.recorder import metrics
 from services.recorder.passivity import filter_books, physical_books, walk, worst
 from services.recorder.reading import read
+from services.rehearsal.chain import Flight, Stage, until_guiding
+from services.rehearsal.quick import quick_config
 from services.simulator.human import Event, Kind
-from tests.services.chain import Flight, Stage, fly, until_guiding
-from tests.services.quick import quick_config
+from tests.services.chain import fly
 from tests.services.record import record
 
 
@@ -222,7 +223,7 @@ def test_a_hidden_handle_is_replaced_by_the_cable_and_nobody_is_pulled_blindly()
     assert worst_pull_after(flight, begin * 1e-9) < 2.5
 
 
-def test_a_vehicle_that_is_not_seen_pulls_no_more_and_then_goes_to_land():
+def test_a_vehicle_that_is_not_seen_pulls_no_more_and_then_comes_down():
     """The autopilot's own position goes on after the last pose, and does not say that it counts for 4.7 s only."""
     hidden = []
 
@@ -239,7 +240,7 @@ def test_a_vehicle_that_is_not_seen_pulls_no_more_and_then_goes_to_land():
         await until_guiding(stage, for_s=3.0)
         hidden.append(stage.operator.clock.now_ns())
         await stage.until(lambda state: state.permit is Permit.EASE, 1.6)
-        await stage.until(lambda state: state.level is Level.LAND, 1.1)
+        await stage.until(lambda state: state.level is Level.DESCEND, 1.1)
         await asyncio.sleep(1.0)
 
     flight = fly(quick_config(), script)

@@ -8,9 +8,9 @@ import pytest
 from services.config import load
 from services.console.preflight import look, preflight
 from services.px4_bridge.preflight import Found, differing, reasons
+from services.rehearsal.direct_vehicle import DirectVehicle
 from services.simulator import service as simulator
 from tests.services.alone import Alone, alone
-from tests.services.direct_vehicle import DirectVehicle
 
 CONFIG = load("demo")
 WANTED = CONFIG.px4_bridge.px4

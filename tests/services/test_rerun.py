@@ -14,9 +14,10 @@ from services.guiding_controller import service as guiding_controller
 from services.recorder.difference import ABSENT, difference
 from services.recorder.reading import Log, read
 from services.recorder.rerun import SUBJECTS, CannotRerun, rerun
+from services.rehearsal.chain import Stage
+from services.rehearsal.quick import quick_config
 from services.runtime.node import Node
-from tests.services.chain import Stage, fly
-from tests.services.quick import quick_config
+from tests.services.chain import fly
 
 
 def changed(session, change):

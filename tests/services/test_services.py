@@ -230,12 +230,19 @@ def test_a_stale_handle_means_no_guidance_and_says_why():
 
 # safety_supervisor
 
-ON_THE_GROUND = vehicle(np.array([-2.0, -0.5, 0.08]), armed=False, mode=FlightMode.HOLD)
+ON_THE_GROUND = np.array([-2.0, -0.5, 0.08])
+
+
+def noise(t_s: float) -> Array:
+    """What is measured is never twice the same."""
+    return 1e-6 * np.sin([700.0 * t_s, 900.0 * t_s, 1100.0 * t_s])
+
+
 READY_FEEDS: dict[Any, Feed] = {
-    HANDLE_STATE: lambda _: handle(HAND),
-    ROBOT_POSE: lambda _: pose(ABOVE),
-    VEHICLE_STATE: lambda _: ON_THE_GROUND,
-    CABLE_FORCE: lambda _: force(np.zeros(3)),
+    HANDLE_STATE: lambda t: handle(HAND + noise(t)),
+    ROBOT_POSE: lambda t: pose(ON_THE_GROUND + noise(t)),
+    VEHICLE_STATE: lambda t: vehicle(ON_THE_GROUND + noise(t), armed=False, mode=FlightMode.HOLD),
+    CABLE_FORCE: lambda t: force(noise(t)),
     GUIDANCE: lambda _: None,
 }
 
@@ -282,6 +289,14 @@ def test_a_start_is_accepted_when_all_is_ready():
     assert started.permit is Permit.POSITION
     assert started.goal_m.array()[:2] == pytest.approx(CONFIG.guided_path.p(0.0)[:2])
     assert rate_Hz(states) == pytest.approx(SAFETY_STATE.rate_Hz, rel=0.02)
+
+
+def test_what_stays_exactly_the_same_is_silence():
+    """New headers round an old measurement: a sensor, or what is behind it, has died."""
+    said = asked(READY_FEEDS | {HANDLE_STATE: lambda _: handle(HAND)}, Action.START)
+    (reply,) = said[REPLY.key]
+    assert not reply.accepted
+    assert "the handle is not seen" in reply.text
 
 
 def test_a_verdict_names_what_it_was_made_of():

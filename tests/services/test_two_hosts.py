@@ -10,7 +10,7 @@ from schemas.topics import GUIDANCE, RADIO_CLOCK, SAFETY_STATE
 from services.console import rerun as commands
 from services.recorder.reading import Session
 from services.recorder.rerun import CannotRerun, rerun
-from tests.services.chain import Stage
+from services.rehearsal.chain import Stage
 from tests.services.two_hosts import LEAD_ns, Radio, fly, with_recorder_on
 
 DRONES, GROUNDS = ("force_estimator", "safety_supervisor", "px4_bridge"), ("tracker", "guiding_controller")

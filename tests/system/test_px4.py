@@ -14,10 +14,10 @@ from schemas.safety import Permit, Phase
 from schemas.topics import ROBOT_POSE, SAFETY_STATE, SETPOINT, TRUTH, VEHICLE_IMU, VEHICLE_STATE
 from schemas.vehicle import FlightMode
 from services.recorder import reading, summary
+from services.rehearsal.chain import Flight, Stage
+from services.rehearsal.quick import quicker
 from services.simulator.human import Event, Kind
 from tests.services import px4_chain
-from tests.services.chain import Flight, Stage
-from tests.services.quick import quicker
 
 pytestmark = [
     pytest.mark.skipif(not px4_chain.PX4_BIN, reason="PX4_BIN is not set: no real PX4 to fly"),

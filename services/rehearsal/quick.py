@@ -28,6 +28,6 @@ def quicker(config: Config) -> Config:
             "safety_supervisor": replace(supervisor, times=times),
             "force_estimator": replace(estimator, bias=bias),
             "person": replace(config.person, subject=hand),
-            "simulator": replace(config.simulator, clear_of_start_m=0.5),
+            "simulator": replace(config.simulator, clear_of_start_m=0.9),
         }
     )

@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 
 _MODES = {FlightMode.OFFBOARD: Mode.OFFBOARD, FlightMode.HOLD: Mode.HOLD, FlightMode.LAND: Mode.LAND}
 _ANSWER_S = 3.0
+Messages = list[tuple[str, telemetry.Fields]]
+Garble = Callable[[Messages], Messages]
 
 
 class DirectVehicle(Vehicle):
@@ -41,8 +43,19 @@ class DirectVehicle(Vehicle):
         self._steps = 0
         self.setpoints: list[Setpoint] = []
         """All set-points that were sent."""
+        self.sent_ns: list[int] = []
+        """When each was."""
+        self.modes: list[tuple[int, Mode, bool]] = []
+        """The autopilot's mode and whether it is armed, from when on."""
         self.cut = False
         """While true nothing passes, in either direction."""
+        self.garble: Garble = lambda messages: messages
+        """What happens to the autopilot's messages on their way."""
+        self.refuses: tuple[type[Request], ...] = ()
+        """Requests that the autopilot denies."""
+        self.going = asyncio.Event()
+        """While it is not set, the process at the bridge's end stands still."""
+        self.going.set()
 
     # The autopilot's side.
 
@@ -52,11 +65,14 @@ class DirectVehicle(Vehicle):
 
     def send(self, state: AutopilotState, sensors: Sensors, output: Output) -> None:
         self._steps += 1
-        messages = _messages(state, sensors, self._steps, self._p)
+        messages = self.garble(_messages(state, sensors, self._steps, self._p))
+        told = (state.commander.mode, state.commander.armed)
+        if not self.modes or self.modes[-1][1:] != told:
+            self.modes.append((self._now_ns(), *told))
         self._px4 = dict(state.px4)
         self._pass(lambda: self._arrive(messages, output))
 
-    def _arrive(self, messages: list[tuple[str, telemetry.Fields]], output: Output) -> None:
+    def _arrive(self, messages: Messages, output: Output) -> None:
         for name, fields in messages:
             self._telemetry.take(name, fields, self._now_ns())
         for text in output.texts:
@@ -80,6 +96,7 @@ class DirectVehicle(Vehicle):
 
     async def wait_imu(self) -> None:
         await self._imu_arrived.wait()
+        await self.going.wait()
 
     def drain_imu(self) -> list[ImuSample]:
         self._imu_arrived.clear()
@@ -96,10 +113,11 @@ class DirectVehicle(Vehicle):
         p, v, a = (unset if vector is None else vector.copy() for vector in (p_W, v_W, a_W))
         setpoint = Setpoint(p, v, a, np.array(np.nan if yaw_rad is None else yaw_rad))
         self.setpoints.append(setpoint)
+        self.sent_ns.append(self._now_ns())
         self._put(Target(setpoint))
 
     def send_pose(self, p_W: Array, q_WB_wxyz: Array, stamp_ns: int) -> None:
-        self._put(Pose(p_W.copy()))
+        self._put(Pose(p_W.copy(), (self._now_ns() - stamp_ns) * 1e-9 + self._delay_s))
 
     async def arm(self) -> None:
         await self._order("arm", lambda ticket: Arm(True, ticket=ticket))
@@ -113,6 +131,10 @@ class DirectVehicle(Vehicle):
         telecommand.mode(mode)
         await self._order(f"mode {mode.value}", lambda ticket: Switch(_MODES[mode], ticket))
         await self._shown(f"mode {mode.value}", lambda now: now.mode is mode)
+
+    async def kill(self) -> None:
+        await self._order("kill", lambda ticket: Arm(False, force=True, ticket=ticket))
+        await self._shown("kill", lambda now: not now.armed)
 
     async def terminate(self) -> None:
         await self._order("flight termination", Terminate)
@@ -131,7 +153,10 @@ class DirectVehicle(Vehicle):
     async def _order(self, what: str, request: Callable[[int], Request]) -> None:
         self._tickets += 1
         done = self._waiting[self._tickets] = asyncio.get_running_loop().create_future()
-        self._put(request(self._tickets))
+        asked = request(self._tickets)
+        if isinstance(asked, self.refuses):
+            raise VehicleError(f"{what}: denied by the autopilot")
+        self._put(asked)
         try:
             async with asyncio.timeout(_ANSWER_S):
                 ack = await done
@@ -149,6 +174,10 @@ class DirectVehicle(Vehicle):
         except TimeoutError:
             raise VehicleError(f"{what}: acknowledged, but not seen within {_ANSWER_S:g} s") from None
 
+    def pilot(self, item: Input) -> None:
+        """What somebody else tells the autopilot: a pilot at the radio control, a ground station."""
+        self._to_vehicle.append(item)
+
     def _put(self, item: Input) -> None:
         self._pass(lambda: self._to_vehicle.append(item))
 
@@ -161,12 +190,10 @@ class DirectVehicle(Vehicle):
             deliver()
 
 
-def _messages(
-    state: AutopilotState, sensors: Sensors, n: int, p: telemetry.Vehicle
-) -> list[tuple[str, telemetry.Fields]]:
+def _messages(state: AutopilotState, sensors: Sensors, n: int, p: telemetry.Vehicle) -> Messages:
     """What the wire would carry after the n-th step, at PX4's rates, inertial sample last."""
     q = frames.q_ned_frd_from_enu_flu(sensors.q_WB_wxyz).tolist()
-    messages: list[tuple[str, telemetry.Fields]] = [
+    messages: Messages = [
         (
             "HEARTBEAT",
             {"base_mode": 129 if state.commander.armed else 1, "custom_mode": CUSTOM_MODE[state.commander.mode]},

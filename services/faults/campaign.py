@@ -1,0 +1,167 @@
+"""Flies faults: one flight is flown once, and at each moment of it the process is copied, one copy for each fault.
+
+A copy (fork) goes on from exactly the same state, breaks, is watched for some seconds and says what it measured. So a hundred
+faults cost little more than the seconds after them. Faults that are there from the start have flights of their own.
+"""
+
+import asyncio
+import gc
+import logging
+import os
+import pickle
+import sys
+import tempfile
+import traceback
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from schemas.safety import Action, Phase
+from schemas.topics import SAFETY_STATE, TRUTH
+from services.faults import measure
+from services.faults.fault import Fault, Moment
+from services.faults.measure import Result
+from services.rehearsal.chain import Flight, Stage, fly
+from services.rehearsal.quick import quick_config
+
+IDLE_S, FLIGHT_LIMIT_S, NEVER = 1.0, 100.0, float("inf")
+Look = Callable[[Fault, Flight, float], None]
+"""Called in the copy when it has been watched: for a picture."""
+
+
+@dataclass
+class Copies:
+    """The processes under way, at most `jobs` at once, and the folder of their results."""
+
+    jobs: int
+    folder: Path
+    look: Look | None = None
+    under_way: set[int] = field(default_factory=set[int])
+
+    def make(self) -> bool:
+        """Copy this process once there is room; true in the copy."""
+        while len(self.under_way) >= self.jobs:
+            self.wait()
+        sys.stdout.flush()
+        sys.stderr.flush()
+        gc.freeze()  # what the copies share is not for their collectors
+        pid = os.fork()
+        if pid:
+            self.under_way.add(pid)
+        return pid == 0
+
+    def wait(self) -> None:
+        """Until one has ended."""
+        pid, _ = os.waitpid(-1, 0)
+        self.under_way.discard(pid)
+
+    def end(self, fault: Fault, work: Callable[[], tuple[Flight, float] | None]) -> None:
+        """In the copy: do it, leave the result, and cease to exist."""
+        try:
+            if done := work():
+                self.leave(fault, *done)
+        except BaseException:
+            (self.folder / f"{fault.name}.error").write_text(traceback.format_exc())
+        finally:
+            os._exit(0)
+
+    def leave(self, fault: Fault, flight: Flight, begin_s: float) -> None:
+        """The result of one fault, for the process that waits for it."""
+        result = measure.measure(fault, flight, begin_s)
+        (self.folder / f"{fault.name}.result").write_bytes(pickle.dumps(result))
+        if self.look:
+            self.look(fault, flight, begin_s)
+
+
+def campaign(faults: Sequence[Fault], jobs: int = 2, look: Look | None = None) -> list[Result]:
+    """The results of `faults`, in their order; what could not be flown is a broken promise."""
+    logging.disable(logging.WARNING)  # the services' remarks on what is done to them
+    with tempfile.TemporaryDirectory() as folder:
+        copies = Copies(jobs, Path(folder), look)
+        if together := [fault for fault in faults if not fault.alone]:
+            fly(quick_config(), lambda stage: _branch(stage, together, copies))
+        for fault in (fault for fault in faults if fault.alone):
+            if copies.make():
+                copies.end(fault, lambda fault=fault: _alone(fault))
+        while copies.under_way:
+            copies.wait()
+        return [_result(copies.folder, fault) for fault in faults]
+
+
+def _result(folder: Path, fault: Fault) -> Result:
+    file = folder / f"{fault.name}.result"
+    if not file.exists():
+        error = folder / f"{fault.name}.error"
+        said = error.read_text() if error.exists() else "the copy ended without a word"
+        return measure.unmeasured(fault, said)
+    result: Result = pickle.loads(file.read_bytes())  # of this program's own making
+    return result
+
+
+async def _branch(stage: Stage, faults: Sequence[Fault], copies: Copies) -> None:
+    """Fly the experiment; at each moment let every fault of it begin in a copy."""
+    loop = asyncio.get_running_loop()
+    waiting: dict[Moment, list[Fault]] = {}
+    for fault in faults:
+        waiting.setdefault(fault.moment, []).append(fault)
+    entered: dict[Phase, float] = {}
+    async with asyncio.timeout(FLIGHT_LIMIT_S):
+        async for state in stage.operator.stream(SAFETY_STATE):
+            entered.setdefault(state.phase, stage.now_s)
+            for moment in [m for m in waiting if stage.now_s >= entered.get(m.phase, NEVER) + m.after_s - 1e-9]:
+                await _at_once(stage, waiting.pop(moment), copies, loop)
+            if not waiting:
+                return
+            if state.phase is Phase.IDLE and stage.now_s >= entered[Phase.IDLE] + IDLE_S:
+                stage.ask(Action.START)
+
+
+async def _at_once(stage: Stage, faults: Sequence[Fault], copies: Copies, loop: asyncio.AbstractEventLoop) -> None:
+    for fault in faults:
+        if copies.make():
+            asyncio._set_running_loop(loop)  # pyright: ignore[reportPrivateUsage]  (it asks for the process)
+            try:
+                begin_s = stage.now_s
+                fault.act(stage)
+                await asyncio.sleep(fault.watch_s)
+            except BaseException:
+                (copies.folder / f"{fault.name}.error").write_text(traceback.format_exc())
+                os._exit(1)
+            copies.end(fault, lambda begun=begin_s: (stage.flight, begun))
+
+
+def _alone(fault: Fault) -> tuple[Flight, float]:
+    """A flight of its own: the person's deed begins the fault, or the moment where there is none."""
+    config = quick_config()
+    person = replace(config.person, behaviour=fault.deeds)
+    config = config.model_copy(update={"person": person})
+    begun: list[float] = []
+
+    async def script(stage: Stage) -> None:
+        await asyncio.sleep(0.5)
+        stage.ask(Action.START)
+        await stage.until(lambda state: state.phase is fault.moment.phase, FLIGHT_LIMIT_S)
+        await asyncio.sleep(fault.moment.after_s)
+        if fault.deeds:
+            begun.append(await _taken_s(stage) + fault.deeds[0].start_s)
+            await asyncio.sleep(max(begun[0] - stage.now_s, 0.0))
+        else:
+            begun.append(stage.now_s)
+        fault.act(stage)
+        await asyncio.sleep(fault.watch_s)
+
+    configs = {"simulator": fault.world(config)} if fault.world else None
+    return fly(config, script, configs=configs), begun[0]
+
+
+async def _taken_s(stage: Stage) -> float:
+    """When the person took the handle; waits for it."""
+    async for truth in stage.operator.stream(TRUTH, depth=4096):
+        if truth.holding:
+            break
+    return next(m.stamp_ns for m in stage.flight.said[TRUTH.key] if m.holding) * 1e-9
+
+
+def processors() -> int:
+    """As many as there are for this process."""
+    return len(os.sched_getaffinity(0))

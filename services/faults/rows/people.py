@@ -1,0 +1,96 @@
+"""What a person may do. It counts from the moment in which they hold the handle."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+from schemas.safety import Phase
+from services.config import Config
+from services.faults.fault import Fault, Group, Moment, Reaction
+from services.simulator.human import Event, Kind
+
+DEED_S = 7.0
+RUNS = dict.fromkeys(("tip_hand", "tip_head", "calm"), "the person runs faster than the vehicle may fly")
+DRAGS = dict.fromkeys(("tip_head", "calm"), "the hand drags the vehicle down beside a head that stays where it was")
+
+
+def people() -> Iterator[Fault]:
+    """The rows of this module."""
+
+    def deed(name: str, about: str, reaction: Reaction, within_s: float, watch_s: float = 6.0, **event: Any) -> Fault:
+        exempt: dict[str, str] = event.pop("exempt", {})
+        deeds = (Event(start_s=DEED_S, **event),)
+        return Fault(name, Group.PERSON, about, reaction, within_s, watch_s=watch_s, deeds=deeds, exempt=exempt)
+
+    yield deed("lets_go", "the person opens the hand", Reaction.LET_GO, 0.4, kind=Kind.LET_GO)
+    yield deed(
+        "stops_30s", "the person stands still for 30 s", Reaction.ANY, 0.0, 31.0, kind=Kind.STOP, duration_s=30.0
+    )
+    yield deed(
+        "runs_ahead",
+        "the person runs ahead: 20 N forward for 2 s",
+        Reaction.ANY,
+        0.0,
+        kind=Kind.PUSH,
+        duration_s=2.0,
+        force_W_N=(20.0, 0.0, 0.0),
+        exempt=RUNS,
+    )
+    yield deed(
+        "runs_back",
+        "the person runs back: 20 N for 2 s",
+        Reaction.ANY,
+        0.0,
+        kind=Kind.PUSH,
+        duration_s=2.0,
+        force_W_N=(-20.0, 0.0, 0.0),
+        exempt=RUNS,
+    )
+    yield deed(
+        "falls",
+        "the person falls: the hand drops by 0.8 m at 2 m/s",
+        Reaction.LET_GO,
+        0.5,
+        kind=Kind.RAISE,
+        rise_m=-0.8,
+        speed_mps=2.0,
+        exempt=DRAGS,
+    )
+    yield deed(
+        "pulls_down",
+        "the person pulls the hand down by 0.6 m at 1 m/s",
+        Reaction.LET_GO,
+        0.6,
+        kind=Kind.RAISE,
+        rise_m=-0.6,
+        speed_mps=1.0,
+        exempt=DRAGS,
+    )
+    yield deed(
+        "lifts_the_hand",
+        "the hand rises by 0.7 m at 0.7 m/s",
+        Reaction.ANY,
+        0.0,
+        kind=Kind.RAISE,
+        rise_m=0.7,
+        speed_mps=0.7,
+    )
+    yield replace(
+        deed("lifts_the_hand_at_the_start", "the hand rises by 0.7 m at 0.7 m/s under the vehicle", Reaction.ANY, 0.0, kind=Kind.RAISE, rise_m=0.7, speed_mps=0.7),
+        deeds=(Event(start_s=1.2, kind=Kind.RAISE, rise_m=0.7, speed_mps=0.7),), moment=Moment(Phase.READY, 0.0),
+    )  # fmt: skip
+    yield Fault(
+        "tangled",
+        Group.PERSON,
+        "the cable is 0.2 m shorter than believed",
+        Reaction.ANY,
+        0.0,
+        moment=Moment(Phase.READY),
+        watch_s=15.0,
+        world=_shorter,
+    )
+
+
+def _shorter(config: Config) -> Config:
+    cable = replace(config.cable, rest_length_m=config.cable.rest_length_m - 0.2)
+    return config.model_copy(update={"cable": cable})

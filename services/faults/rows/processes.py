@@ -1,0 +1,107 @@
+"""Services that die, stand still, or start again, in every phase."""
+
+import itertools
+from collections.abc import Iterator
+
+from schemas.safety import Phase
+from services.faults.fault import GUIDING, Fault, Group, Moment, Reaction
+from services.faults.rows.common import MOMENTS, SINKS, Act, later
+from services.rehearsal.chain import Stage
+
+
+def processes() -> Iterator[Fault]:
+    """Each service in each phase; in guiding also standing still and restarted."""
+    for name, moment in itertools.product(("tracker", "force_estimator", "guiding_controller"), MOMENTS):
+        yield _death((name,), moment, *_after_death(name, moment.phase))
+    for moment in MOMENTS:
+        lands = Reaction.LAND if moment.phase is Phase.LANDING else Reaction.EASE
+        yield _death(("safety_supervisor",), moment, lands, 0.3, watch_s=12.0)
+        yield _death(("px4_bridge",), moment, Reaction.AUTOPILOT_LANDS, 1.0, watch_s=12.0)
+    yield _death(("safety_supervisor", "px4_bridge"), GUIDING, Reaction.AUTOPILOT_LANDS, 1.0, watch_s=12.0)
+    for name, seconds in itertools.product(RUNNING, (0.3, 1.0, 5.0)):
+        reaction, within_s = STOPPED[name]
+        if seconds < 0.5 and name in ("px4_bridge", "tracker"):
+            reaction, within_s = Reaction.ANY, 0.0
+        text = f"{name} stands still for {seconds:g} s (SIGSTOP)"
+        about = f"stop_{name}_{seconds:g}s".replace(".", "_")
+        yield Fault(
+            about,
+            Group.PROCESS,
+            text,
+            reaction,
+            within_s,
+            _stopped(name, seconds),
+            watch_s=seconds + 4.0,
+            family=f"{name} stands still",
+        )
+    for name in RUNNING:
+        reaction, within_s = STOPPED[name]
+        text = f"{name} is killed and started again after 1 s"
+        yield Fault(
+            f"restart_{name}",
+            Group.PROCESS,
+            text,
+            reaction,
+            within_s,
+            _restarted(name, 1.0),
+            watch_s=7.0,
+            family=f"{name} restarted",
+        )
+
+
+RUNNING = ("tracker", "force_estimator", "guiding_controller", "safety_supervisor", "px4_bridge")
+STOPPED = {
+    "tracker": (Reaction.EASE, 0.3),
+    "force_estimator": (Reaction.EASE, 0.2),
+    "guiding_controller": (Reaction.EASE, 0.2),
+    "safety_supervisor": (Reaction.EASE, 0.3),
+    "px4_bridge": (Reaction.AUTOPILOT_LANDS, 1.0),
+}
+
+
+def _after_death(name: str, phase: Phase) -> tuple[Reaction, float]:
+    """What the death of a service must lead to in a phase."""
+    if name == "tracker":  # the autopilot has no position any more
+        engaged = phase in (Phase.READY, Phase.GUIDING, Phase.ARRIVED)
+        return (Reaction.EASE, 0.3) if engaged else (Reaction.LAND, 3.0)
+    if name == "force_estimator":
+        return (Reaction.EASE, 0.2) if phase in (Phase.READY, Phase.GUIDING, Phase.ARRIVED) else (Reaction.ANY, 0.0)
+    return (Reaction.EASE, 0.2) if phase in (Phase.GUIDING, Phase.ARRIVED) else (Reaction.ANY, 0.0)
+
+
+def _death(names: tuple[str, ...], moment: Moment, reaction: Reaction, within_s: float, watch_s: float = 5.0) -> Fault:
+    def act(stage: Stage) -> None:
+        for name in names:
+            stage.kill(name)
+
+    told = " and ".join(names)
+    under = watch_s > 5.0 and moment.phase in (Phase.READY, Phase.GUIDING, Phase.ARRIVED)
+    name = f"kill_{'_and_'.join(names)}_in_{moment.phase}"
+    return Fault(
+        name,
+        Group.PROCESS,
+        f"{told} killed in {moment.phase}",
+        reaction,
+        within_s,
+        act,
+        moment,
+        watch_s,
+        exempt=SINKS if under else {},
+        family=f"{told} killed",
+    )
+
+
+def _stopped(name: str, seconds: float) -> Act:
+    def act(stage: Stage) -> None:
+        stage.stop(name)
+        later(seconds, lambda: stage.go_on(name))
+
+    return act
+
+
+def _restarted(name: str, seconds: float) -> Act:
+    def act(stage: Stage) -> None:
+        stage.kill(name)
+        later(seconds, lambda: stage.begin(name))
+
+    return act

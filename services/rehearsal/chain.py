@@ -1,0 +1,204 @@
+"""The whole system on virtual time: every service on the memory bus, the vehicle in process, nothing else replaced."""
+
+import asyncio
+import contextlib
+import importlib
+from collections import defaultdict
+from collections.abc import Awaitable, Callable, Coroutine, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from schemas.safety import Action, OperatorRequest, Phase, SafetyState
+from schemas.topics import BY_KEY, OPERATOR, REQUEST, SAFETY_STATE, TOPICS
+from services.config import Config
+from services.px4_bridge import service as bridge
+from services.recorder import service as recorder
+from services.recorder.origin import origin
+from services.recorder.walk import CONFIG_ATTACHMENT
+from services.rehearsal.direct_vehicle import DirectVehicle
+from services.rehearsal.meddled_bus import MeddledBus
+from services.rehearsal.stoppable import StoppableNode
+from services.runtime.memory_bus import MemoryBus
+from services.runtime.node import Node
+from services.runtime.virtual import VirtualClock, run_virtual
+from services.simulator import service as simulator
+
+MAVLINK_DELAY_S = 0.003
+ON_THE_BUS_ONLY = ("tracker", "force_estimator", "guiding_controller", "safety_supervisor")
+Run: TypeAlias = Callable[[Node], Coroutine[Any, Any, None]]
+Runs: TypeAlias = dict[str, Run]
+"""How each service is run on its node; again where it is restarted."""
+
+
+@dataclass(repr=False)  # a loop that ends prints its result when a signal handler is reset
+class Flight:
+    """What was said on the bus, by topic, and the vehicle that flew."""
+
+    config: Config
+    vehicle: Any
+    said: dict[str, list[Any]] = field(default_factory=lambda: defaultdict(list))
+
+    def hear(self, key: str, payload: bytes) -> None:
+        """Keep what is a message of the topic."""
+        with contextlib.suppress(ValueError):
+            self.said[key].append(BY_KEY[key].type.model_validate_json(payload))
+
+    def phases(self) -> list[Phase]:
+        """Each phase once, in order."""
+        states = [m for m in self.said[SAFETY_STATE.key] if isinstance(m, SafetyState)]
+        return [
+            m.phase
+            for before, m in zip([None, *states], states, strict=False)
+            if before is None or before.phase is not m.phase
+        ]
+
+    def during(self, key: str, *phases: Phase) -> list[Any]:
+        """Messages of a topic whose stamp lies in one of the phases."""
+        states = [m for m in self.said[SAFETY_STATE.key] if isinstance(m, SafetyState) and m.phase in phases]
+        spans = [(m.stamp_ns, m.stamp_ns + 10_000_000) for m in states]
+        if not spans:
+            return []
+        return [m for m in self.said[key] if spans[0][0] <= m.stamp_ns <= spans[-1][1]]
+
+
+@dataclass(repr=False)
+class Stage:
+    """A running system that a script can disturb."""
+
+    bus: Any
+    flight: Flight
+    tasks: dict[str, asyncio.Task[None]]
+    operator: Node
+    nodes: dict[str, StoppableNode] = field(default_factory=dict[str, StoppableNode])
+    begin: Callable[[str], None] = lambda name: None
+    """Start a service (again)."""
+
+    @property
+    def now_s(self) -> float:
+        """Virtual time."""
+        return self.operator.clock.now_ns() * 1e-9
+
+    def kill(self, name: str) -> None:
+        """What kill -9 does: no service ends by itself after that."""
+        self.tasks.pop(name).cancel()
+
+    def stop(self, name: str) -> None:
+        """What SIGSTOP does."""
+        self.nodes[name].going.clear()
+        if name == "px4_bridge":
+            self.flight.vehicle.going.clear()
+
+    def go_on(self, name: str) -> None:
+        """What SIGCONT does."""
+        self.nodes[name].going.set()
+        if name == "px4_bridge":
+            self.flight.vehicle.going.set()
+
+    def ask(self, action: Action, number: int = 1) -> None:
+        """Send one request."""
+        request = OperatorRequest(action=action, operator="script", request_id=number)
+        self.operator.publisher(REQUEST).publish(request)
+
+    async def until(self, condition: Callable[[SafetyState], bool], limit_s: float) -> SafetyState:
+        """Wait for a verdict of the supervisor that fulfils `condition`; TimeoutError after `limit_s` virtual seconds."""
+        async with asyncio.timeout(limit_s):
+            async for state in self.operator.stream(SAFETY_STATE):
+                for task in self.tasks.values():
+                    if task.done():
+                        task.result()
+                if condition(state):
+                    return state
+        raise AssertionError
+
+
+Script: TypeAlias = Callable[[Stage], Awaitable[object]]
+
+
+def fly(
+    config: Config,
+    script: Script,
+    limit_s: float = 200.0,
+    record: Path | None = None,
+    configs: Mapping[str, Config] | None = None,
+) -> Flight:
+    """Start every service, run `script` (a coroutine function), stop; what was said meanwhile, also in a recording.
+
+    `configs` gives a service another configuration than the rest: a world that is not as it is believed to be.
+    """
+
+    async def flight() -> Flight:
+        clock, bus = VirtualClock(), MeddledBus()
+        vehicle = DirectVehicle(config.px4_bridge.vehicle, clock.now_ns, MAVLINK_DELAY_S)
+        its_own = dict(configs or {})
+        runs: Runs = {
+            "simulator": lambda node: simulator.play(node, its_own.get("simulator", config), vehicle),
+            "px4_bridge": lambda node: bridge.fly(node, its_own.get("px4_bridge", config), vehicle),
+        }
+        if record:
+            runs["recorder"] = _recording(config, record)
+        return await perform(config, script, bus, clock, vehicle, runs)
+
+    return run_virtual(flight(), limit_s=limit_s)
+
+
+async def perform(
+    config: Config,
+    script: Script,
+    bus: MemoryBus,
+    clock: VirtualClock,
+    vehicle: Any,
+    runs: Runs,
+    others: Sequence[str] = ON_THE_BUS_ONLY,
+) -> Flight:
+    """The other services beside those in `runs`, while the script lasts."""
+    flight, runs = Flight(config, vehicle), runs | {name: _as_launched(name, config) for name in others}
+    for topic in TOPICS:
+        bus.subscribe(topic.key, flight.hear)
+    tasks: dict[str, asyncio.Task[None]] = {}
+    nodes: dict[str, StoppableNode] = {}
+
+    def begin(name: str) -> None:
+        nodes[name] = StoppableNode(name, bus, clock)
+        tasks[name] = asyncio.create_task(runs[name](nodes[name]), name=name)
+
+    for name in runs:
+        begin(name)
+    try:
+        await script(Stage(bus, flight, tasks, Node(OPERATOR, bus, clock, observer=True), nodes, begin))
+    finally:
+        for task in tasks.values():
+            task.cancel()
+        await asyncio.gather(*tasks.values(), return_exceptions=True)
+    return flight
+
+
+def _as_launched(name: str, config: Config) -> Run:
+    """The service as the launcher runs it."""
+    return lambda node: importlib.import_module(f"services.{name}.service").run(node, config)
+
+
+def _recording(config: Config, file: Path) -> Run:
+    return lambda node: recorder.record(
+        node,
+        node.bus,
+        file=file,
+        params=config.recorder,
+        metadata=origin(config),
+        attachments={CONFIG_ATTACHMENT: config.model_dump_json().encode()},
+    )
+
+
+async def whole(stage: Stage) -> None:
+    """The experiment from start to landing."""
+    await asyncio.sleep(0.5)
+    stage.ask(Action.START)
+    await stage.until(lambda state: state.phase is Phase.LANDED, 150.0)
+
+
+async def until_guiding(stage: Stage, for_s: float = 0.0) -> None:
+    """Take-off, zeroing, the handle taken, and `for_s` of the guided walk."""
+    await asyncio.sleep(0.5)
+    stage.ask(Action.START)
+    await stage.until(lambda state: state.phase is Phase.GUIDING, 60.0)
+    await asyncio.sleep(for_s)

@@ -1,0 +1,87 @@
+"""The campaign of faults: some of each kind are flown here, all of them by `clew faults all`; and flights without any."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from schemas.safety import Level
+from services.faults import report
+from services.faults.campaign import campaign
+from services.faults.catalogue import every, named
+from services.faults.measure import Result
+from services.faults.nominal import flight
+
+FLOWN = (
+    "kill_tracker_in_guiding",
+    "kill_safety_supervisor_in_guiding",
+    "kill_px4_bridge_in_guiding",
+    "restart_safety_supervisor",
+    "handle_frozen",
+    "force_frozen",
+    "force_thousandfold",
+    "guidance_ned",
+    "robot_and_handle_swapped",
+    "imu_stuck",
+    "clock_of_ground_plus_3600s",
+    "clew_stop",
+    "clew_hold",
+    "clew_kill_without_supervisor",
+    "lifts_the_hand",
+)
+
+
+@pytest.fixture(scope="module")
+def results() -> dict[str, Result]:
+    faults = [fault for name in FLOWN if (fault := named(name))]
+    return {result.name: result for result in campaign(faults)}
+
+
+@pytest.mark.parametrize("name", FLOWN)
+def test_what_must_hold_holds(results, name):
+    assert results[name].ok, (results[name].broken, results[name].reasons)
+
+
+def test_the_campaign_finds_a_promise_that_is_not_kept():
+    """An impossible promise is a broken one: the verdicts are not always yes."""
+    fault = named("clew_stop")
+    assert fault is not None
+    (result,) = campaign([replace(fault, within_s=1e-4)])
+    assert not result.ok
+    assert "promised 0.0001 s" in result.broken[0]
+
+
+def test_a_fault_that_cannot_be_flown_is_no_success():
+    fault = named("clew_stop")
+    assert fault is not None
+
+    def fails(stage):
+        raise ValueError("no such knob")
+
+    (result,) = campaign([replace(fault, act=fails)])
+    assert result.broken == ("ValueError: no such knob",)
+
+
+def test_every_fault_has_a_name_of_its_own_and_says_what_breaks():
+    names = [fault.name for fault in every()]
+    assert len(set(names)) == len(names) > 120
+    assert all(re.fullmatch(r"[a-z0-9_]+", name) for name in names)
+    assert all(len(fault.about.split()) >= 3 for fault in every())
+
+
+def test_the_table_of_the_documentation_is_of_this_catalogue():
+    text = (Path(__file__).parents[2] / "docs/safety.md").read_text()
+    block = text.split(report.BEGIN)[1].split(report.END)[0].strip().splitlines()
+    assert tuple(block[:2]) == report.HEAD
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in block[2:]]
+    assert [row[0] for row in rows] == list(dict.fromkeys(fault.family for fault in every()))
+    assert sum(int(row[1]) for row in rows) == len(every())
+    assert report.insert(text, block) == text
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_no_false_alarm(seed):
+    done = flight(seed)
+    assert done.ok, done
+    assert done.level <= Level.WARN
