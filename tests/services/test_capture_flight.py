@@ -5,6 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.services.direct_vehicle import DirectVehicle
+from tests.services.quick import quick_config, quicker
 
 from schemas.message import Vec3
 from schemas.safety import Action, Level, Permit
@@ -32,8 +34,6 @@ from tests.services.chain import (
     perform,
     until_guiding,
 )
-from tests.services.direct_vehicle import DirectVehicle
-from tests.services.quick import quick_config, quicker
 
 SHIFT = np.array([0.0, 0.5, 0.0])
 
