@@ -1,11 +1,16 @@
-"""`clew preflight`: what stands against a flight of the profile's vehicle, with cures. The system itself must not run."""
+"""`clew preflight`: what stands against a flight, with cures, of what this host has: vehicle, motion capture, clocks.
+
+The bridge must not run meanwhile: the link belongs to one of both.
+"""
 
 import asyncio
 import sys
 from collections.abc import Iterable
 
 from services.config import Config, load, told_in
-from services.console.start import check_radio
+from services.console import vehicle_link
+from services.console.preflight_ground import look_at_capture, look_at_clocks
+from services.console.start import check_devices, check_radio
 from services.profile_file import ConfigError
 from services.px4_bridge.preflight import Found, Reason, differing, reasons
 from services.px4_bridge.vehicle import MavsdkVehicle
@@ -18,23 +23,37 @@ _BATTERY_S = 3.0
 def preflight(profile: str, fix: bool) -> int:
     """Print the list. Returns the exit code: 0 for an empty one, 1 when something stands against it, 2 for bad input.
 
-    Bad input is a profile, and for a system on two hosts this one's certificates and addresses.
+    Bad input is a profile, a link that cannot be opened, and for a system on two hosts this one's certificates and addresses.
     """
     try:
         config = load(profile)
         with told_in(profile):
             check_radio(config)
+            check_devices(config, config.system.services)
     except ConfigError as error:
         print(error, file=sys.stderr)  # noqa: T201
         return 2
-    try:
-        listed = asyncio.run(_connected(config, fix))
-    except VehicleError as error:
-        listed = [Reason(str(error), "check power, cable, port and baud rate of px4_bridge.link.url")]
+    listed = asyncio.run(_look_at_all(config, fix))
     for n, (what, cure) in enumerate(listed, start=1):
         print(f"{n}. {what}: {cure}")  # noqa: T201
     print("it may fly" if not listed else f"{len(listed)} against a flight")  # noqa: T201
     return 1 if listed else 0
+
+
+async def _look_at_all(config: Config, fix: bool) -> list[Reason]:
+    listed = await _look_at_vehicle(config, fix) if "px4_bridge" in config.system.services else []
+    listed += await look_at_capture(config) if "tracker" in config.system.services else []
+    return listed + await look_at_clocks(config)
+
+
+async def _look_at_vehicle(config: Config, fix: bool) -> list[Reason]:
+    url = config.px4_bridge.link.url
+    if heard := vehicle_link.silence(url):
+        return [Reason(heard, "and no other program may have the device open")]
+    try:
+        return await _connected(config, fix)
+    except VehicleError as error:
+        return [Reason(str(error), "check power, cable, port and baud rate of px4_bridge.link.url")]
 
 
 async def _connected(config: Config, fix: bool) -> list[Reason]:

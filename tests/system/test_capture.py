@@ -12,6 +12,8 @@ from pathlib import Path
 import pytest
 
 from schemas.tracking import MocapFrame, StampedBy
+from services.config import load
+from services.console.preflight_ground import look_at_capture
 from services.tracker.bodies import Body, CaptureSystem
 from services.tracker.capture import Capture
 from tests.system.capture_servers import Pose, Poses, Qtm, free_port, vrpn
@@ -232,3 +234,33 @@ def test_a_qtm_that_takes_the_call_and_says_nothing_is_told():
             await follower.until(follower.said("is it on, streaming, reachable?"))
 
     following(follower, script)
+
+
+def test_preflight_looks_at_the_capture_system_itself(tmp_path):
+    """A vehicle and a handle on the floor, by VRPN's real client; then a server whose y is up."""
+    port = free_port()
+    file = tmp_path / "bench.toml"
+    file.write_text(
+        'base = "ground-sim"\n[tracker]\nsource = "vrpn"\n'
+        f'[tracker.mocap]\nhost = "127.0.0.1:{port}"\nrate_min_Hz = 50.0\nrate_max_Hz = 250.0\n'
+        'repeat_s = 0.3\nrestart_s = 3.0\nrobot = {body = "robot"}\nhandle = {body = "handle"}\n'
+    )
+    config = load(str(file))
+
+    def lying(n: int, *, y_up: bool = False) -> dict[str, Pose | None]:
+        noise = 1e-5 * (n % 7)
+        floor = {"robot": (-2.0, -0.5, 0.08 + noise), "handle": (-2.0, -0.9 + noise, 0.02)}
+        turned = {name: (x, z, -y) if y_up else (x, y, z) for name, (x, y, z) in floor.items()}
+        return {name: (*p, 1.0, 0.0, 0.0, 0.0) for name, p in turned.items()}
+
+    async def listed(poses: Poses | None) -> list[str]:
+        if poses is None:
+            return [str(reason.what) for reason in await look_at_capture(config, 1.5, appears_s=1.0)]
+        async with vrpn(port, poses):
+            return [str(reason.what) for reason in await look_at_capture(config, 1.5)]
+
+    assert asyncio.run(listed(lying)) == []
+    (upright,) = asyncio.run(listed(lambda n: lying(n, y_up=True)))
+    assert upright.startswith("the capture system's y axis is up: robot and handle lie still at y = 0.08 and 0.02 m")
+    (silent,) = asyncio.run(listed(None))
+    assert silent.startswith(f"no frame from vrpn at 127.0.0.1:{port} for ")
