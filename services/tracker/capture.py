@@ -55,7 +55,7 @@ class Capture:
 
     def __init__(self, source: str, p: CaptureSystem, clock: Clock | None = None) -> None:
         self.source, self.names = source, set[str]()
-        self.trouble = self._silence = f"waiting for {source} at {p.host}"
+        self.trouble = f"waiting for {source} at {p.host}"
         self._p, self._now_ns = p, (clock or MonotonicClock()).now_ns
         self._wanted = frozenset((p.robot.body, p.handle.body))
         self._began_ns = 0
@@ -66,9 +66,12 @@ class Capture:
     ) -> NoReturn:
         """Hand over each frame, and tell each trouble that keeps frames away, for ever."""
         while True:
-            async with self._driver() as process:
-                self._silence = await self._listen(process, take, tell)
-            self._say(self._silence, tell)
+            try:
+                async with self._driver() as process:
+                    why = await self._listen(process, take, tell)
+            except ConfigError as error:  # its name does not resolve any more
+                why = str(error)
+            self._say(why, tell)
             await asyncio.sleep(_AGAIN_S)
 
     @asynccontextmanager

@@ -37,6 +37,7 @@ class _Body(Protocol):
 def main() -> int:
     """`python -m services.tracker.driver SOURCE HOST SETTINGS`; ends with its parent. Exit code 1 after a fault was told."""
     source, host, settings = sys.argv[1], sys.argv[2], from_json(sys.argv[3])
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends it to both
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     tell = _teller()
     try:

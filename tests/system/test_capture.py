@@ -14,8 +14,9 @@ import pytest
 from schemas.tracking import MocapFrame, StampedBy
 from services.config import load
 from services.console.preflight_ground import look_at_capture
+from services.profile_file import ConfigError
 from services.tracker.bodies import Body, CaptureSystem
-from services.tracker.capture import Capture
+from services.tracker.capture import Capture, check
 from tests.system.capture_servers import Pose, Poses, Qtm, free_port, vrpn
 
 pytest.importorskip("motioncapture", reason="motioncapture is not installed: it has no wheel for this machine")
@@ -81,6 +82,25 @@ def following(follower: Follower, script: Callable[[], Awaitable[object]]) -> Fo
 
     asyncio.run(main())
     return follower
+
+
+def test_what_is_not_installed_or_has_no_address_is_told_before_anything_starts(monkeypatch):
+    p = CaptureSystem(
+        host="no.such.host.invalid:3883",
+        robot=Body(body="robot"),
+        handle=Body(body="handle"),
+        rate_min_Hz=50.0,
+        rate_max_Hz=250.0,
+        repeat_s=0.3,
+        restart_s=1.0,
+    )
+    with pytest.raises(ConfigError, match=r"^tracker.mocap.host = no.such.host.invalid:3883: does not resolve: "):
+        check("vrpn", p)
+    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
+    with pytest.raises(
+        ConfigError, match=r"^tracker.source = qtm: needs the package qtm_rt: pip install 'clew-hri\[qualisys\]'"
+    ):
+        check("qtm", p)
 
 
 def test_vrpn_gives_both_bodies_where_the_profile_wants_them_stamped_on_arrival():
