@@ -5,11 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.services.direct_vehicle import DirectVehicle
-from tests.services.quick import quick_config, quicker
 
 from schemas.message import Vec3
-from schemas.safety import Action, Level, Permit
+from schemas.safety import Level, Permit
 from schemas.topics import HANDLE_STATE, MOCAP_FRAME, MOCAP_SEEN, ROBOT_POSE, TRUTH, Stance
 from schemas.tracking import HandleSource, MocapFrame, RigidBody, StampedBy
 from services.config import Config, load
@@ -18,6 +16,9 @@ from services.px4_bridge import service as bridge
 from services.recorder import latency
 from services.recorder.reading import read
 from services.recorder.rerun import rerun
+from services.rehearsal.chain import MAVLINK_DELAY_S, ON_THE_BUS_ONLY, Stage, _recording, perform, until_guiding
+from services.rehearsal.direct_vehicle import DirectVehicle
+from services.rehearsal.quick import quick_config, quicker
 from services.runtime.memory_bus import MemoryBus
 from services.runtime.node import Node
 from services.runtime.virtual import VirtualClock, run_virtual
@@ -25,15 +26,7 @@ from services.simulator import service as simulator
 from services.tracker import service as tracker
 from services.tracker.bodies import Body, CaptureSystem
 from services.tracker.sources import Source
-from tests.services.chain import (
-    MAVLINK_DELAY_S,
-    ON_THE_BUS_ONLY,
-    Stage,
-    _recorder,
-    fly,
-    perform,
-    until_guiding,
-)
+from tests.services.chain import fly
 
 SHIFT = np.array([0.0, 0.5, 0.0])
 
@@ -82,13 +75,11 @@ def test_a_world_that_moves_in_flight_is_not_flown_after():
 
 def test_a_tracker_is_started_anew_in_flight_and_the_walk_goes_on():
     async def script(stage: Stage) -> None:
-        from services.tracker import service as tracker
 
         await until_guiding(stage, for_s=2.0)
-        stage.tasks["tracker"].cancel()
+        stage.kill("tracker")
         await asyncio.sleep(0.3)
-        node = Node("tracker", stage.bus, stage.operator.clock)
-        stage.tasks["tracker"] = asyncio.create_task(tracker.run(node, stage.flight.config))
+        stage.begin("tracker")
         await asyncio.sleep(2.0)
         await stage.until(lambda state: state.permit is Permit.GUIDE, 3.0)
 
@@ -116,33 +107,23 @@ def captured(tmp_path_factory) -> tuple[Config, object]:
         async for frame in node.stream(MOCAP_FRAME):
             put(frame.model_copy(update={"seq": 0, "said_ns": 0, "inputs": {}, "stamped_by": StampedBy.ARRIVAL}))
 
-    async def tracking(node: Node, system_node: Node) -> None:
-        arrivals = node.arrivals()
+    async def tracking(node: Node) -> None:
+        arrivals, vendor = node.arrivals(), Node("vendor", node.bus, node.clock, observer=True)
         async with asyncio.TaskGroup() as group:
-            group.create_task(deliver(system_node, arrivals.put))
+            group.create_task(deliver(vendor, arrivals.put))
             await tracker.track(node, config, Source(arrivals, MOCAP_SEEN))
 
     async def flight():
         clock, bus = VirtualClock(), MemoryBus()
         vehicle = DirectVehicle(config.px4_bridge.vehicle, clock.now_ns, MAVLINK_DELAY_S)
-        others = [name for name in ON_THE_BUS_ONLY if name != "tracker"]
         runs = {
-            "recorder": _recorder(Node("recorder", bus, clock), config, file),
-            "simulator": simulator.play(Node("simulator", bus, clock), config, vehicle),
-            "px4_bridge": bridge.fly(Node("px4_bridge", bus, clock), config, vehicle),
-            "tracker": tracking(Node("tracker", bus, clock), Node("vendor", bus, clock, observer=True)),
+            "recorder": _recording(config, file),
+            "simulator": lambda node: simulator.play(node, config, vehicle),
+            "px4_bridge": lambda node: bridge.fly(node, config, vehicle),
+            "tracker": tracking,
         }
-
-        async def script(stage: Stage) -> None:
-            await asyncio.sleep(0.5)
-            stage.ask(Action.START)
-            await until_guided(stage)
-
-        return await perform(config, script, bus, clock, vehicle, runs, others)
-
-    async def until_guided(stage: Stage) -> None:
-        await stage.until(lambda state: state.permit is Permit.GUIDE, 60.0)
-        await asyncio.sleep(2.0)
+        others = [name for name in ON_THE_BUS_ONLY if name != "tracker"]
+        return await perform(config, lambda stage: until_guiding(stage, for_s=2.0), bus, clock, vehicle, runs, others)
 
     run_virtual(flight(), limit_s=100.0)
     return config, read(file)

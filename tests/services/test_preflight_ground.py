@@ -9,8 +9,8 @@ from services.console.preflight_ground import clock_reasons
 from services.tracker.preflight import CHECKS, Frames, reasons
 
 CONFIG = load("ground")
-P = CONFIG.tracker
-assert P.mocap
+P, SYSTEM = CONFIG.tracker, CONFIG.tracker.mocap
+assert SYSTEM
 LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 N = 400
 
@@ -32,7 +32,8 @@ def frames(**changes: object) -> Frames:
 
 
 def told(**changes: object) -> list[str]:
-    return [what for what, _ in reasons(frames(**changes), P.mocap, P.axes)]
+    assert SYSTEM
+    return [what for what, _ in reasons(frames(**changes), SYSTEM, P.axes)]
 
 
 def test_a_capture_system_as_it_should_be_stands_against_nothing():
