@@ -50,8 +50,8 @@ def _frames(arrived: Sequence[tuple[int, MocapFrame]], trouble: str) -> prefligh
     bodies = [(frame.robot, frame.handle) for _, frame in arrived]
     return preflight.Frames(
         lasted_s=float(stamps_ns[-1] - stamps_ns[0]) * 1e-9 if len(stamps_ns) else 0.0,
-        stamp_s=(stamps_ns - stamps_ns[:1]) * 1e-9,
-        late_s=(arrivals_ns - stamps_ns) * 1e-9,
+        stamp_s=np.asarray((stamps_ns - stamps_ns[:1]) * 1e-9, dtype=np.float64),
+        late_s=np.asarray((arrivals_ns - stamps_ns) * 1e-9, dtype=np.float64),
         robot=np.array([robot.tracked for robot, _ in bodies], dtype=bool),
         handle=np.array([handle.tracked for _, handle in bodies], dtype=bool),
         position_m=np.array([[_xyz(robot), _xyz(handle)] for robot, handle in bodies]).reshape(-1, 2, 3),

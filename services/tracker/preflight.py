@@ -5,13 +5,16 @@ mend them: the connection, the bodies, how often and how regularly they come, an
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from services.physics import Array
 from services.tracker import axes
 from services.tracker.bodies import CaptureSystem
+
+Flags: TypeAlias = NDArray[np.bool_]
 
 SEEN_LEAST = 0.99
 """Of all frames, those in which a body must be seen."""
@@ -28,8 +31,8 @@ class Frames(NamedTuple):
     lasted_s: float
     stamp_s: Array
     late_s: Array
-    robot: Array
-    handle: Array
+    robot: Flags
+    handle: Flags
     position_m: Array
     q_WB_wxyz: Array
     trouble: str
