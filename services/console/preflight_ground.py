@@ -1,7 +1,6 @@
 """What preflight looks at beside the vehicle: the capture system, for a few seconds, and the clocks of two hosts."""
 
 import asyncio
-import os
 import time
 from collections.abc import Sequence
 
@@ -11,11 +10,8 @@ from schemas.radio import RadioClock
 from schemas.topics import GATEWAYS, RADIO_CLOCK
 from schemas.tracking import MocapFrame, RigidBody
 from services.config import Config
-from services.console.start import bus_config
 from services.px4_bridge.preflight import Reason
-from services.runtime.clock import MonotonicClock
 from services.runtime.node import Node
-from services.runtime.zenoh_bus import open_bus
 from services.safety_supervisor.rules import Limits
 from services.tracker import preflight
 from services.tracker.bodies import SIMULATED
@@ -64,18 +60,16 @@ def _xyz(body: RigidBody) -> tuple[float, float, float]:
     return body.position_m.x, body.position_m.y, body.position_m.z
 
 
-async def look_at_clocks(config: Config) -> list[Reason]:
+async def look_at_clocks(config: Config, node: Node) -> list[Reason]:
     """The list for a host of two, whose gateways may run meanwhile; empty for a system on one."""
     if config.system.host not in GATEWAYS:
         return []
-    name, buses = f"look-{os.getpid()}", bus_config(config)
-    with open_bus(buses, name) as bus:
-        clock = Node(name, bus, MonotonicClock(), observer=True, placement=buses.placement).latest(RADIO_CLOCK)
-        for _ in range(round(_CLOCKS_S / 0.1)):
-            await asyncio.sleep(0.1)
-            if clock.value is not None:
-                break
-        return clock_reasons(clock.value, config.safety_supervisor.limits)
+    clock = node.latest(RADIO_CLOCK)
+    for _ in range(round(_CLOCKS_S / 0.1)):
+        await asyncio.sleep(0.1)
+        if clock.value is not None:
+            break
+    return clock_reasons(clock.value, config.safety_supervisor.limits)
 
 
 def clock_reasons(clock: RadioClock | None, p: Limits) -> list[Reason]:
