@@ -17,7 +17,7 @@ from schemas.radio import RadioClock
 from schemas.safety import OperatorReply, OperatorRequest, SafetyState
 from schemas.simulation import Truth
 from schemas.tracking import HandleState, MocapFrame, RobotPose
-from schemas.vehicle import Setpoint, VehicleImu, VehicleState
+from schemas.vehicle import Setpoint, VehicleImu, VehicleParameters, VehicleState
 
 M_co = TypeVar("M_co", bound=Message, covariant=True)
 
@@ -74,10 +74,12 @@ OPERATOR = "operator"  # a person's console, not a service
 _S, _W, _T, _C, _B = Stance.STREAM, Stance.TWICE, Stance.STATE, Stance.COMMAND, Stance.BULK
 #                       key                  type             publisher             subscribers                    rate stance logged
 MOCAP_FRAME     = Topic("mocap/frame",       MocapFrame,      "simulator",          ("tracker",),                   60.0, _S, True, "rigid bodies as the simulated capture system sees them")
+MOCAP_SEEN      = Topic("mocap/seen",        MocapFrame,      "tracker",            (),                              0.0, _S, True, "as mocap/frame, of a real capture system: its frames as the tracker took them")
 HANDLE_STATE    = Topic("handle/state",      HandleState,     "tracker",            ("guiding_controller", "force_estimator", "safety_supervisor", "px4_bridge"), 60.0, _S, True, "p_H, v_H")
 ROBOT_POSE      = Topic("robot/pose",        RobotPose,       "tracker",            ("px4_bridge", "force_estimator", "safety_supervisor"), 60.0, _S, True, "pose for the autopilot's estimator")
 VEHICLE_IMU     = Topic("vehicle/imu",       VehicleImu,      "px4_bridge",         ("force_estimator",),          250.0, _S, True, "inertial sample, attitude, thrust", radio_Hz=25.0)
 VEHICLE_STATE   = Topic("vehicle/state",     VehicleState,    "px4_bridge",         ("guiding_controller", "safety_supervisor", "tracker"), 50.0, _S, True, "motion, mode, battery")
+PARAMETERS      = Topic("vehicle/parameters", VehicleParameters, "px4_bridge",       (),                              0.0, _B, True, "the autopilot's own parameters, once, for the recording")
 CABLE_FORCE     = Topic("force/cable",       CableForce,      "force_estimator",    ("px4_bridge", "safety_supervisor", "tracker"), 250.0, _S, True, "f̂_c, bias, taut or slack", radio_Hz=25.0)
 GUIDANCE        = Topic("guidance/command",  GuidanceCommand, "guiding_controller", ("px4_bridge", "safety_supervisor"), 100.0, _W, True, "p_R^d(s*), f^d(s*), s*", lifetime_s=0.1)
 SAFETY_STATE    = Topic("safety/state",      SafetyState,     "safety_supervisor",  ("px4_bridge", "guiding_controller", "force_estimator", "simulator"), 50.0, _T, True, "phase, level, permit, reasons")
@@ -93,10 +95,12 @@ HEALTH          = {name: Topic(f"health/{name}", Heartbeat,   name,             
 
 TOPICS: tuple[Topic[Message], ...] = (
     MOCAP_FRAME,
+    MOCAP_SEEN,
     HANDLE_STATE,
     ROBOT_POSE,
     VEHICLE_IMU,
     VEHICLE_STATE,
+    PARAMETERS,
     CABLE_FORCE,
     GUIDANCE,
     SAFETY_STATE,
