@@ -3,7 +3,7 @@
 import asyncio
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -140,9 +140,12 @@ async def _keep(node: Node, topic: Topic[Message], into: list[Message]) -> None:
 
 
 async def _watch(node: Node, config: Config, into: list[Message]) -> None:
-    """The capture system itself, as the tracker opens it: what it sees is not always on the bus."""
-    async for frame in open_source(config.tracker.source, node):
-        into.append(frame)
+    """The capture system itself, as the tracker opens it but where its own origin of the handle is: that is what is sought."""
+    p = config.tracker
+    bare = p.mocap and replace(p.mocap, handle=replace(p.mocap.handle, offset_m=(0.0, 0.0, 0.0)))
+    async with open_source(replace(p, mocap=bare), node) as source:
+        async for frame in source.frames:
+            into.append(frame)
 
 
 def _table(kind: type[Message], messages: list[Message]) -> samples.Table:
@@ -177,6 +180,11 @@ def _thrust(asked: Asked, heard: list[Heard]) -> Outcome:
         f"{found.voltage_exponent:.2f}; lag {1000 * found.lag_s:.0f} ms; seen from {found.low_N:.2f} to "
         f"{found.high_N:.2f} N with m_R = {mass_kg:g} kg (the profile had {p.max_thrust_N:.3f} N, {p.thrust_curve:.3f})"
     )
+    walk_N = (mass_kg + only.config.world.handle_mass_kg) * GRAVITY_MPS2 + only.config.guiding_controller.f_z_N
+    if found.high_N < walk_N:
+        words += (
+            f"\nguiding takes {walk_N:.1f} N, more than was seen: its error there is not known; fly steps up and down"
+        )
     return Outcome(said, words, "was it windy, did the load swing, did anything touch the cable?")
 
 
