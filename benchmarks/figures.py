@@ -1,4 +1,5 @@
-"""`make figures`: every picture in docs/figures, made anew: one demo flight, the stability map, a campaign.
+"""`make figures`: every picture in docs/figures, made anew: one demo flight, the stability map, a campaign and
+the radio's delay.
 
 The demo's own figures come from its session folder, at a resolution fit for a page.
 """
@@ -29,7 +30,8 @@ def main() -> None:
         out = Path(folder) / "campaign"
         subprocess.run([sys.executable, "-m", "services.console.cli", "campaign", "--out", str(out)], check=True)
         shutil.copy(out / "walks.png", DOCS / "campaign.png")
-    subprocess.run([sys.executable, "-m", "benchmarks.campaign", "--out", str(DOCS)], check=True)
+    for name in ("campaign", "delay"):
+        subprocess.run([sys.executable, "-m", f"benchmarks.{name}", "--out", str(DOCS)], check=True)
     print("\n".join(str(file.relative_to(DOCS.parent.parent)) for file in sorted(DOCS.glob("*.png"))))
 
 

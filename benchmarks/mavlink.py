@@ -39,7 +39,7 @@ VEHICLE = telemetry.Vehicle(
 )
 PARAMETERS = Autopilot(
     commander=Commander(check_period_s=0.02, loss_latency_s=0.3, proof_of_life_s=0.2),
-    estimator=Estimator(bandwidth_rad_s=12.0, gate_m=0.2, rejection_s=1.5, dead_reckoning_s=4.7),
+    estimator=Estimator(bandwidth_rad_s=12.0, gate_m=0.2, rejection_s=1.5, dead_reckoning_s=4.7, delay_max_s=0.2),
     cascade=load_vehicle("light").cascade,
     idle_thrust=0.1,
     landed_thrust=0.5,

@@ -25,8 +25,9 @@ M_co = TypeVar("M_co", bound=Message, covariant=True)
 class Stance(Enum):
     """How a topic is carried. Nothing ever blocks its publisher: a blocked put on a dead link stalls local delivery."""
 
-    STREAM = "ahead of everything: samples and set-points"
-    STATE = "next: verdicts and states"
+    STREAM = "first: samples and set-points; a radio may lose one, the next follows soon"
+    TWICE = "as STREAM, but ahead of it, and twice where there is a radio: lost only if both are"
+    STATE = "next, and never lost by a radio that works: verdicts and states"
     COMMAND = "as STATE; its sender repeats it until it is acknowledged"
     BULK = "after everything else: truth, health"
 
@@ -70,7 +71,7 @@ GATEWAYS = {"drone": "drone_gateway", "ground": "ground_gateway"}
 OPERATOR = "operator"  # a person's console, not a service
 
 # fmt: off
-_S, _T, _C, _B = Stance.STREAM, Stance.STATE, Stance.COMMAND, Stance.BULK
+_S, _W, _T, _C, _B = Stance.STREAM, Stance.TWICE, Stance.STATE, Stance.COMMAND, Stance.BULK
 #                       key                  type             publisher             subscribers                    rate stance logged
 MOCAP_FRAME     = Topic("mocap/frame",       MocapFrame,      "simulator",          ("tracker",),                   60.0, _S, True, "rigid bodies as the simulated capture system sees them")
 HANDLE_STATE    = Topic("handle/state",      HandleState,     "tracker",            ("guiding_controller", "force_estimator", "safety_supervisor", "px4_bridge"), 60.0, _S, True, "p_H, v_H")
@@ -78,7 +79,7 @@ ROBOT_POSE      = Topic("robot/pose",        RobotPose,       "tracker",        
 VEHICLE_IMU     = Topic("vehicle/imu",       VehicleImu,      "px4_bridge",         ("force_estimator",),          250.0, _S, True, "inertial sample, attitude, thrust", radio_Hz=25.0)
 VEHICLE_STATE   = Topic("vehicle/state",     VehicleState,    "px4_bridge",         ("guiding_controller", "safety_supervisor", "tracker"), 50.0, _S, True, "motion, mode, battery")
 CABLE_FORCE     = Topic("force/cable",       CableForce,      "force_estimator",    ("px4_bridge", "safety_supervisor", "tracker"), 250.0, _S, True, "f̂_c, bias, taut or slack", radio_Hz=25.0)
-GUIDANCE        = Topic("guidance/command",  GuidanceCommand, "guiding_controller", ("px4_bridge", "safety_supervisor"), 100.0, _S, True, "p_R^d(s*), f^d(s*), s*", lifetime_s=0.1)
+GUIDANCE        = Topic("guidance/command",  GuidanceCommand, "guiding_controller", ("px4_bridge", "safety_supervisor"), 100.0, _W, True, "p_R^d(s*), f^d(s*), s*", lifetime_s=0.1)
 SAFETY_STATE    = Topic("safety/state",      SafetyState,     "safety_supervisor",  ("px4_bridge", "guiding_controller", "force_estimator", "simulator"), 50.0, _T, True, "phase, level, permit, reasons")
 SETPOINT        = Topic("setpoint/sent",     Setpoint,        "px4_bridge",         ("safety_supervisor",),        125.0, _S, True, "what the autopilot was told", radio_Hz=25.0)
 ENERGY          = Topic("energy/balance",    EnergyBalance,   "px4_bridge",         ("safety_supervisor",),         50.0, _T, True, "energy through the filter's ports, and the tank")

@@ -18,6 +18,8 @@ from schemas.message import Message
 from schemas.topics import OPERATOR, TOPICS, Topic
 from services.gateway.radio import ROLES, Role
 
+LINKS = ("quic", "tls")
+"""Protocols of the radio's links: all with certificates on both sides."""
 COMMANDS, ALIVE, CLOCK = "@cmd/", "@alive/", "@clock/"
 REMOTE: dict[str, tuple[Role, ...]] = {"drone": ("ground",), "ground": ("drone", "operator", "viewer")}
 """Which roles come in at the gateway of each host."""
@@ -75,7 +77,7 @@ def access_control(host: str, names: Sequence[str], services: Services, prefix: 
         "rules": [local, *(rule for made in granted.values() for rule in made if rule["key_exprs"])],
         "subjects": [
             {"id": "local", "link_protocols": ["unixsock-stream"]},
-            *({"id": r, "link_protocols": ["tls"], "cert_common_names": by_role[r]} for r in granted),
+            *({"id": r, "link_protocols": LINKS, "cert_common_names": by_role[r]} for r in granted),
         ],
         "policies": [
             {"rules": ["local"], "subjects": ["local"]},

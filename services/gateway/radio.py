@@ -28,8 +28,8 @@ class Radio:
 
     address: str
     """Where the ground station listens: the name or IP that is in its certificate."""
-    ports: tuple[Port, Port]
-    """For samples, states and commands; for bulk."""
+    ports: tuple[Port, Port, Port, Port]
+    """UDP: for guidance, for guidance again, for samples, states and commands; TCP: for bulk."""
     names: tuple[str, ...]
     """Who may join, as their certificates say: `role:name`. Whoever is taken out is shut out from the next start on."""
     console: str = ""

@@ -6,9 +6,10 @@ import threading
 from collections.abc import Generator
 from contextlib import contextmanager
 
-LOG_LEVELS = "error,zenoh_link_tls=warn"
+LOG_LEVELS = "error,zenoh_link_tls=warn,zenoh_link_commons=warn"
 _COLOURS = re.compile(r"\x1b\[[0-9;]*m")
-_FROM_TLS = re.compile(r"WARN .*zenoh_link_tls\S*: (.*)")
+_REASON = re.compile(r'reason: "([^"]+)"')
+_FROM_LINK = re.compile(r"WARN .*zenoh_link_\w+\S*: (.*)")
 
 
 class Refusals:
@@ -20,9 +21,11 @@ class Refusals:
 
     def note(self, line: str) -> None:
         """Look at one line of the log."""
-        if found := _FROM_TLS.search(_COLOURS.sub("", line)):
+        if found := _FROM_LINK.search(_COLOURS.sub("", line)):
             self.count += 1
-            self.last = found[1].split(". Hint")[0].strip()
+            said = found[1].split(" Hint")[0].strip(" .")
+            reason = _REASON.search(said)  # QUIC's, among much else
+            self.last = reason[1] if reason else said
 
     def __str__(self) -> str:
         return f"{self.count} sessions refused ({self.last})" if self.count else ""

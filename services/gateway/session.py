@@ -1,21 +1,26 @@
-"""How the session that owns the radio is set up: a router on mutual TLS, two links split by priority, thinned telemetry.
+"""How the session that owns the radio is set up: a router on mutual TLS, four links split by priority, thinned telemetry.
 
-Bulk has a TCP stream of its own, so that it never stands in front of a sample. The send buffers are small: what waits in
-the kernel when the radio goes is what arrives too late when it comes back.
+A link that sends again what was lost holds up all that follows. So what is soon followed by a newer one (commands of
+guidance, samples) goes in QUIC datagrams, which are not sent again; guidance goes twice, over two links, so that losing
+one takes two losses. Each QUIC link has a congestion window of its own, which loss keeps at its least: two datagrams.
+States and commands of a person are reliable, over the third. Bulk has a TCP stream, whose small receive buffer keeps it
+from filling the radio's queue in front of everybody.
 """
 
 from typing import Any
 
 from schemas.topics import TOPICS
-from services.gateway.access import Services, access_control
+from services.gateway.access import LINKS, Services, access_control
 from services.gateway.certs import Credentials
 from services.gateway.radio import Radio
 from services.runtime.bus import MAX_PAYLOAD_bytes
 
-PRIORITIES = ("1-5", "6-7")
-SEND_BUFFER_bytes = 16_384, 4_096
+_DATAGRAMS = "quic/{address}:{port}?mixed_rel=1;prio={priorities}#initial_mtu=1400"
+_STREAM = "tls/{address}:{port}?prio={priorities}#so_sndbuf=4096;so_rcvbuf=8192"
+_LINKS = ((_DATAGRAMS, "1-1"), (_DATAGRAMS, "2-2"), (_DATAGRAMS, "3-5"), (_STREAM, "6-7"))
+"""Priorities as the bus gives them to the stances (runtime/zenoh_bus.py)."""
 BATCH_bytes = 2_048
-"""What is handed to the kernel at a time: more stands in front of a sample for longer."""
+"""What is handed to a link at a time: more stands in front of a sample for longer."""
 MESSAGE_MAX_bytes = 262_144
 """Larger than any message of the table; a link that brings a larger one is closed."""
 
@@ -23,8 +28,8 @@ MESSAGE_MAX_bytes = 262_144
 def endpoints(radio: Radio, address: str) -> tuple[str, ...]:
     """One for each priority range."""
     return tuple(
-        f"tls/{address}:{port}?prio={range_}#so_sndbuf={buffer}"
-        for port, range_, buffer in zip(radio.ports, PRIORITIES, SEND_BUFFER_bytes, strict=True)
+        link.format(address=address, port=port, priorities=priorities)
+        for port, (link, priorities) in zip(radio.ports, _LINKS, strict=True)
     )
 
 
@@ -50,9 +55,9 @@ def console(files: Credentials) -> dict[str, Any]:
 
 def _tls(files: Credentials) -> dict[str, Any]:
     return {
-        "transport/link/protocols": ["tls", "unixsock-stream"],
+        "transport/link/protocols": [*LINKS, "unixsock-stream"],
         "transport/link/tx/batch_size": BATCH_bytes,
-        "transport/unicast/max_links": len(PRIORITIES),
+        "transport/unicast/max_links": len(_LINKS),
         "transport/unicast/compression/enabled": True,
         "transport/link/rx/max_message_size": MESSAGE_MAX_bytes,
         "transport/link/tls/enable_mtls": True,
@@ -67,10 +72,10 @@ def _tls(files: Credentials) -> dict[str, Any]:
 def _downsampling(prefix: str) -> dict[str, Any]:
     """One rule for each key: keys that share a rule share its limiter."""
     rules = [{"key_expr": prefix + topic.key, "freq": topic.radio_Hz} for topic in TOPICS if topic.radio_Hz]
-    return {"id": "radio", "link_protocols": ["tls"], "flows": ["egress"], "messages": ["put"], "rules": rules}
+    return {"id": "radio", "link_protocols": LINKS, "flows": ["egress"], "messages": ["put"], "rules": rules}
 
 
 def _low_pass(prefix: str) -> dict[str, Any]:
     keys = [prefix + topic.key for topic in TOPICS]
-    limit: dict[str, Any] = {"id": "monsters", "link_protocols": ["tls"], "flows": ["ingress"], "messages": ["put"]}
+    limit: dict[str, Any] = {"id": "monsters", "link_protocols": LINKS, "flows": ["ingress"], "messages": ["put"]}
     return limit | {"key_exprs": keys, "size_limit": MAX_PAYLOAD_bytes}

@@ -25,7 +25,10 @@ async def run(node: Node, config: Config) -> None:
     """Connect to the autopilot of the profile, then fly it until cancelled."""
     link = config.px4_bridge.link
     node.status = f"connecting to {link.url}"
-    async with MavsdkVehicle.connect(link.url, config.px4_bridge.vehicle, node.clock.now_ns, link.timeout_s) as vehicle:
+    connection = MavsdkVehicle.connect(
+        link.url, config.px4_bridge.vehicle, node.clock.now_ns, link.timeout_s, tell_time=bool(config.hosts)
+    )
+    async with connection as vehicle:
         await fly(node, config, vehicle)
 
 

@@ -31,6 +31,7 @@ RATES_Hz = {  # message: number and rate, of which the ones that are listened to
     "EXTENDED_SYS_STATE": (245, 10.0),
     "ACTUATOR_OUTPUT_STATUS": (375, 250.0),
     "CURRENT_MODE": (436, 50.0),
+    "TIMESYNC": (111, 100.0),  # PX4 believes us after 500 answers
 }
 DISPENSABLE = ("CURRENT_MODE",)  # PX4 before 1.15 has it not, and tells the mode by its heartbeat of 1 Hz alone
 _CUSTOM_MODE, _LOCAL_NED = 1, 1
@@ -60,6 +61,11 @@ def pose(p_W: Array, q_WB_wxyz: Array, stamp_ns: int) -> Fields:
     covariance = [None] + [0.0] * 20
     where: Fields = {"usec": stamp_ns // 1000, "x": x, "y": y, "z": z, "covariance": covariance, "reset_counter": 0}
     return where | {"roll": roll, "pitch": pitch, "yaw": yaw}
+
+
+def our_time(asked: Fields, now_ns: int) -> Fields:
+    """TIMESYNC, in answer to the autopilot's: so it knows when a pose was taken, by its stamp on this host's clock."""
+    return {"tc1": now_ns, "ts1": asked["ts1"]}
 
 
 def origin() -> Fields:

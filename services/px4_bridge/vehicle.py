@@ -32,13 +32,16 @@ from services.px4_bridge.vehicle_protocol import Vehicle, VehicleError
 
 Array = NDArray[np.float64]
 
+_TIMESYNC = "TIMESYNC"
 _log = logging.getLogger(__name__)
 
 
 class MavsdkVehicle(Vehicle):
     """A Vehicle by MAVSDK; made by `connect`."""
 
-    def __init__(self, system: Any, p: telemetry.Vehicle, now_ns: Callable[[], int], answer_s: float) -> None:
+    def __init__(
+        self, system: Any, p: telemetry.Vehicle, now_ns: Callable[[], int], answer_s: float, *, tell_time: bool
+    ) -> None:
         self._now_ns, self._answer_s = now_ns, answer_s
         self._loop = asyncio.get_running_loop()
         self._telemetry = Telemetry(p)
@@ -48,7 +51,8 @@ class MavsdkVehicle(Vehicle):
         self._renewal: asyncio.Task[None] | None = None
         self._system_id: int = system.get_system_id()
         self._direct, self._parameters = MavlinkDirect(system), Param(system)
-        for name in self._telemetry.messages:
+        self._wanted = (*self._telemetry.messages, *([_TIMESYNC] if tell_time else []))
+        for name in self._wanted:
             self._direct.subscribe_message(name, self._on_message)
 
     @classmethod
@@ -60,11 +64,14 @@ class MavsdkVehicle(Vehicle):
         now_ns: Callable[[], int],
         timeout_s: float = 10.0,
         answer_s: float = 3.0,
+        *,
+        tell_time: bool = False,
     ) -> AsyncGenerator["MavsdkVehicle", None]:
         """Connected to the autopilot behind `url`: udpin://host:port, serial:///dev/name:baud or tcpout://host:port.
 
-        Waits `timeout_s` for the autopilot and `answer_s` for each of its answers; stamps come from `now_ns`. Raises
-        VehicleError when the port is in use, the URL is no good or no autopilot appears.
+        Waits `timeout_s` for the autopilot and `answer_s` for each of its answers; stamps come from `now_ns`. With
+        `tell_time` the autopilot is told this clock, so that it dates poses by their stamps and not by their arrival.
+        Raises VehicleError when the port is in use, the URL is no good or no autopilot appears.
         """
         _refuse_used_port(url)
         mavsdk.log_subscribe(_on_log)
@@ -73,7 +80,8 @@ class MavsdkVehicle(Vehicle):
             result = library.add_any_connection(url)
             if result is not ConnectionResult.SUCCESS:
                 raise VehicleError(f"cannot open {url}: {result.name.lower().replace('_', ' ')}")
-            vehicle = cls(await _first_autopilot(library, url, timeout_s), p, now_ns, answer_s)
+            system = await _first_autopilot(library, url, timeout_s)
+            vehicle = cls(system, p, now_ns, answer_s, tell_time=tell_time)
             await vehicle._request_rates()
             yield vehicle
         finally:
@@ -175,7 +183,7 @@ class MavsdkVehicle(Vehicle):
 
     async def _request_rates(self) -> None:
         for name, (number, rate_Hz) in telecommand.RATES_Hz.items():
-            if name in self._telemetry.messages:
+            if name in self._wanted:
                 interval = telecommand.command(telecommand.SET_INTERVAL, number, 1e6 / rate_Hz)
                 try:
                     await self._command(f"rate of {name}", interval)
@@ -219,13 +227,20 @@ class MavsdkVehicle(Vehicle):
         statuses = self._telemetry.statuses
         while self._inbox:
             name, text, arrival_ns = self._inbox.popleft()
-            self._telemetry.take(name, from_json(text, cache_strings="keys"), arrival_ns)
+            fields = from_json(text, cache_strings="keys")
+            if name == _TIMESYNC:
+                self._tell_time(fields, arrival_ns)
+            self._telemetry.take(name, fields, arrival_ns)
         if self._telemetry.has_imu:
             self._imu_arrived.set()
         if self._telemetry.statuses > statuses:
             self._status.set()
         if self._telemetry.heartbeats > heartbeats > 0 and not was_connected:
             self._renewal = asyncio.create_task(self._renew_rates())
+
+    def _tell_time(self, asked: Fields, arrival_ns: int) -> None:
+        if not asked["tc1"]:
+            self._send(_TIMESYNC, telecommand.our_time(asked, arrival_ns))
 
 
 def _message(name: str, fields: Fields) -> MavlinkMessage:

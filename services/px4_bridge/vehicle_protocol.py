@@ -40,7 +40,7 @@ class Vehicle(Protocol):
         ...
 
     def send_pose(self, p_W: Array, q_WB_wxyz: Array, stamp_ns: int) -> None:
-        """One motion-capture pose for the autopilot's estimator, which counts it from its arrival."""
+        """One motion-capture pose for the autopilot's estimator, taken at `stamp_ns` on this host's clock."""
         ...
 
     async def arm(self) -> None:

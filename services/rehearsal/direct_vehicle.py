@@ -117,7 +117,7 @@ class DirectVehicle(Vehicle):
         self._put(Target(setpoint))
 
     def send_pose(self, p_W: Array, q_WB_wxyz: Array, stamp_ns: int) -> None:
-        self._put(Pose(p_W.copy()))
+        self._put(Pose(p_W.copy(), (self._now_ns() - stamp_ns) * 1e-9 + self._delay_s))
 
     async def arm(self) -> None:
         await self._order("arm", lambda ticket: Arm(True, ticket=ticket))

@@ -13,7 +13,7 @@ from contextlib import ExitStack, contextmanager, nullcontext
 from typing import Any
 
 import zenoh
-from zenoh import CongestionControl, Encoding, Priority, Sample, SampleKind
+from zenoh import CongestionControl, Encoding, Priority, Reliability, Sample, SampleKind
 from zenoh.handlers import RingChannel
 
 from schemas.topics import BY_KEY, Stance
@@ -31,12 +31,17 @@ Not over a radio: there a declaration waits for a link that is dead, and with on
 
 # Nothing blocks: a blocked put on a dead link stalls local delivery too. Nothing is `express`: each such message takes a
 # batch of its own, the queue holds QUEUE of them, and a stall of 50 ms already cost samples; it saved 0.05 ms a hop.
-_PRIORITY: dict[Stance, Priority] = {
-    Stance.STREAM: Priority.REAL_TIME,
-    Stance.STATE: Priority.INTERACTIVE_HIGH,
-    Stance.COMMAND: Priority.INTERACTIVE_HIGH,
-    Stance.BULK: Priority.DATA_LOW,
+_PRIORITIES: dict[Stance, tuple[Priority, ...]] = {
+    Stance.TWICE: (Priority.REAL_TIME, Priority.INTERACTIVE_HIGH),
+    Stance.STREAM: (Priority.INTERACTIVE_LOW,),
+    Stance.STATE: (Priority.DATA_HIGH,),
+    Stance.COMMAND: (Priority.DATA_HIGH,),
+    Stance.BULK: (Priority.DATA_LOW,),
 }
+"""One copy goes out under each; by them the radio splits its links (gateway/session.py)."""
+_MAY_BE_LOST = (Stance.STREAM, Stance.TWICE)
+"""The radio does not send them again: what follows would have to wait for it."""
+_COPIES_REMEMBERED = 16
 
 
 class ZenohBus:
@@ -45,7 +50,8 @@ class ZenohBus:
     def __init__(self, session: zenoh.Session, config: BusConfig) -> None:
         self._session = session
         self._prefix = config.prefix
-        self._publishers: dict[str, zenoh.Publisher] = {}
+        self._publishers: dict[str, list[zenoh.Publisher]] = {}
+        self._copies = None if config.placement.elsewhere else 1
         self._relays: list[_Relay] = []
 
     @property
@@ -59,27 +65,37 @@ class ZenohBus:
             relay.close()
 
     def put(self, key: str, payload: bytes, stance: Stance) -> None:
-        """Send over a publisher that is declared on first use."""
-        publisher = self._publishers.get(key)
-        if publisher is None:
-            publisher = self._publishers[key] = self._declare(key, stance)
-        publisher.put(payload)
+        """Send over publishers that are declared on first use."""
+        if key not in self._publishers:
+            priorities = _PRIORITIES[stance][: self._copies]
+            self._publishers[key] = [self._declare(key, stance, priority) for priority in priorities]
+        for publisher in self._publishers[key]:
+            publisher.put(payload)
 
     def subscribe(self, key: str, on_payload: OnPayload) -> None:
         """Deliver the samples of `key` into the running loop."""
-        relay = _Relay(asyncio.get_running_loop(), lambda key, sample: on_payload(key, _payload(sample)))
+        is_new = _is_new(key)
+
+        def deliver(full_key: str, sample: Sample) -> None:
+            payload = _payload(sample)
+            if is_new(payload):
+                on_payload(full_key, payload)
+
+        relay = _Relay(asyncio.get_running_loop(), deliver)
         self._relays.append(relay)
         self._session.declare_subscriber(self._prefix + key, self._into(relay))
 
     def mailbox(self, key: str) -> Mailbox:
         """As Bus.mailbox: a ring in Zenoh's own memory, so that an arrival costs Python nothing."""
         subscriber = self._session.declare_subscriber(self._prefix + key, RingChannel(DEPTH))
-        strip = len(self._prefix)
+        strip, is_new = len(self._prefix), _is_new(key)
 
         def take() -> list[tuple[str, bytes]]:
             taken: list[tuple[str, bytes]] = []
             while sample := subscriber.try_recv():
-                taken.append((str(sample.key_expr)[strip:], _payload(sample)))
+                payload = _payload(sample)
+                if is_new(payload):
+                    taken.append((str(sample.key_expr)[strip:], payload))
             return taken
 
         return take
@@ -138,12 +154,13 @@ class ZenohBus:
         links = self._session.info.links()
         return {str(link.zid): link.auth_identifier for link in links if link.auth_identifier}
 
-    def _declare(self, key: str, stance: Stance) -> zenoh.Publisher:
+    def _declare(self, key: str, stance: Stance, priority: Priority) -> zenoh.Publisher:
         return self._session.declare_publisher(
             self._prefix + key,
             encoding=Encoding.APPLICATION_JSON.with_schema(BY_KEY[key].type.__name__),
             congestion_control=CongestionControl.DROP,
-            priority=_PRIORITY[stance],
+            priority=priority,
+            reliability=Reliability.BEST_EFFORT if stance in _MAY_BE_LOST else Reliability.RELIABLE,
         )
 
     def _into(self, relay: "_Relay", prefix: str | None = None) -> Callable[[Sample], None]:
@@ -229,6 +246,8 @@ def session_config(config: BusConfig, name: str) -> zenoh.Config:
         "transport/link/tx/lease": LEASE_ms,
         "transport/link/tx/queue/size/real_time": QUEUE,
         "transport/link/tx/queue/size/interactive_high": QUEUE,
+        "transport/link/tx/queue/size/interactive_low": QUEUE,
+        "transport/link/tx/queue/size/data_high": QUEUE,
         "transport/shared_memory/enabled": False,
     } | config.settings
     made = zenoh.Config()
@@ -239,6 +258,21 @@ def session_config(config: BusConfig, name: str) -> zenoh.Config:
 
 def _endpoint(config: BusConfig, name: str) -> str:
     return f"unixsock-stream/{config.socket(name)}"
+
+
+def _is_new(key: str) -> Callable[[bytes], bool]:
+    """Tells the first copy of a payload from the second, for a topic whose messages come twice."""
+    if key not in BY_KEY or BY_KEY[key].stance is not Stance.TWICE:
+        return lambda payload: True
+    recent = deque[bytes](maxlen=_COPIES_REMEMBERED)
+
+    def is_new(payload: bytes) -> bool:
+        if payload in recent:
+            return False
+        recent.append(payload)
+        return True
+
+    return is_new
 
 
 def _payload(sample: Sample) -> bytes:

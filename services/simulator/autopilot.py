@@ -60,9 +60,10 @@ class Sensors(NamedTuple):
 
 
 class Pose(NamedTuple):
-    """A motion-capture position that has just arrived, (3,) m; the attitude that comes with it is not used."""
+    """A motion-capture position that has just arrived, (3,) m, and its age; the attitude that comes with it is not used."""
 
     p_W: Array
+    age_s: float = 0.0
 
 
 class Target(NamedTuple):
@@ -187,8 +188,8 @@ def _heard(state: AutopilotState, inputs: Sequence[Input], p: Autopilot) -> tupl
     answers: list[Answer] = []
     for item in inputs:
         match item:
-            case Pose(p_W=p_W):
-                belief = estimator.correct(state.estimator, p_W, p.estimator)
+            case Pose(p_W=p_W, age_s=age_s):
+                belief = estimator.correct(state.estimator, p_W, p.estimator, age_s)
                 estimate = state.estimate._replace(p_W=belief.p_W, v_W=belief.v_W)
                 state = state._replace(estimator=belief, estimate=estimate)
             case Target(setpoint=setpoint):

@@ -32,6 +32,7 @@ from services.simulator.commander import (
     Unsupported,
 )
 from services.simulator.mavlink_streams import CUSTOM_MODE, Moment, streams
+from services.simulator.timesync import Timesync
 from services.simulator.wire import Wire
 
 Array = NDArray[np.float64]
@@ -66,6 +67,8 @@ class MavlinkLink:
         self._asked: set[int] = set()
         self._replies: list[Callable[[Any, AutopilotState], None]] = []
         self._inputs: list[Input] = []
+        self._now_us = 0
+        self._timesync = Timesync()
         self._handlers = self._understood()
 
     def __enter__(self) -> Self:
@@ -87,6 +90,7 @@ class MavlinkLink:
     def send(self, state: AutopilotState, sensors: Sensors, output: Output) -> None:
         """Send answers, remarks and every stream that is due at the vehicle's time."""
         now = Moment(state, sensors, round(state.t_s * 1e6))
+        self._now_us = now.time_us
         soon_us = now.time_us + 0.5e6 * STEP_S
         for stream in self._streams:
             is_due = stream.due_us <= soon_us
@@ -165,7 +169,8 @@ class MavlinkLink:
         self._inputs.append(Target(Setpoint(p, v, a, yaw)))
 
     def _on_pose(self, message: Any) -> None:
-        self._inputs.append(Pose(frames.enu_from_ned(np.array((message.x, message.y, message.z)))))
+        age_s = self._timesync.age_s(message.usec, self._now_us)
+        self._inputs.append(Pose(frames.enu_from_ned(np.array((message.x, message.y, message.z))), age_s))
 
     def _on_origin(self, _message: Any) -> None:
         self._inputs.append(SetOrigin())
@@ -231,9 +236,11 @@ class MavlinkLink:
         self._replies.append(lambda mav, _state: mav.mission_count_send(sender, component, 0, message.mission_type))
 
     def _on_timesync(self, message: Any) -> None:
+        asked_ns = message.ts1
         if message.tc1 == 0:
-            asked_ns = message.ts1
             self._replies.append(lambda mav, state: mav.timesync_send(round(state.t_s * 1e9), asked_ns))
+        else:
+            self._timesync.take(self._now_us, message.tc1 * 1e-3, asked_ns * 1e-3)
 
 
 def _is_for_us(message: Any) -> bool:

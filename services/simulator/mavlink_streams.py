@@ -115,6 +115,11 @@ def _attitude_target(mav: Any, now: Moment) -> None:
     mav.attitude_target_send(now.time_us // 1000, 0, q, 0.0, 0.0, 0.0, float(now.state.motors.mean()))
 
 
+def _timesync(mav: Any, now: Moment) -> None:
+    """A question for the companion's time."""
+    mav.timesync_send(0, 1000 * now.time_us)
+
+
 def _autopilot_version(mav: Any, now: Moment) -> None:
     """Capabilities: float parameters, COMMAND_INT, offboard set-points, MAVLink 2."""
     capabilities = 1 << 1 | 1 << 3 | 1 << 6 | 1 << 7 | 1 << 13
@@ -154,6 +159,7 @@ def streams() -> tuple[Stream, ...]:
         Stream(1, _sys_status, 1.0, 10.0),
         Stream(147, _battery_status, 0.5, 10.0),
         Stream(245, _extended_sys_state, 5.0, 50.0),
+        Stream(111, _timesync, 10.0, 250.0),
         Stream(148, _autopilot_version, 0.0, 1.0),
         Stream(_ATTITUDE_QUATERNION, _attitude_quaternion, 50.0, 250.0),
         Stream(_ACTUATOR_OUTPUT_STATUS, _actuator_output_status, 10.0, 250.0),

@@ -7,13 +7,15 @@ import asyncio
 import threading
 from collections.abc import Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from dataclasses import replace
 
 import pytest
 import zenoh
 
-from schemas.topics import BY_KEY, HANDLE_STATE, HEALTH, SERVICES, TRUTH, Stance
+from schemas.topics import BY_KEY, GUIDANCE, HANDLE_STATE, HEALTH, SERVICES, TRUTH, Stance
 from services.runtime.bus import Bus, MAX_PAYLOAD_bytes
 from services.runtime.bus_config import AlreadyRunning, BusConfig, default_run_dir
+from services.runtime.hosts import Placement
 from services.runtime.memory_bus import MemoryBus
 from services.runtime.zenoh_bus import DEPTH, open_bus
 
@@ -180,8 +182,33 @@ def test_zenoh_carries_the_message_type_and_the_stance(config: BusConfig):
 
     sample = asyncio.run(main())
     assert str(sample.encoding) == "application/json;HandleState"
-    assert sample.priority == zenoh.Priority.REAL_TIME
+    assert sample.priority == zenoh.Priority.INTERACTIVE_LOW
     assert sample.congestion_control == zenoh.CongestionControl.DROP
+
+
+def test_zenoh_says_guidance_twice_where_there_is_a_radio_and_a_reader_takes_it_once(config: BusConfig):
+    said = [b"%d" % n for n in range(20)]
+
+    async def main(elsewhere: tuple[str, ...]):
+        raw, seen = list[zenoh.Sample](), list[bytes]()
+        config_here = replace(config, placement=Placement(here="drone", elsewhere=elsewhere))
+        async with stranger(config_here, []) as (bus, session):
+            session.declare_subscriber(config.prefix + GUIDANCE.key, raw.append)
+            take = bus.mailbox(GUIDANCE.key)
+            await arrival(lambda: raw, lambda: bus.put(GUIDANCE.key, b"first", GUIDANCE.stance))
+            for payload in said:
+                bus.put(GUIDANCE.key, payload, GUIDANCE.stance)
+            await arrival(lambda: b"19" in [s.payload.to_bytes() for s in raw][-2:], lambda: None)
+            seen += [payload for _, payload in take() if payload != b"first"]
+        copies = [s.priority for s in raw if s.payload.to_bytes() == b"7"]
+        return seen, copies
+
+    assert asyncio.run(main(())) == (said, [zenoh.Priority.REAL_TIME])
+    seen, copies = asyncio.run(main(("guiding_controller",)))
+    assert seen == said
+    assert len(copies) == 2
+    assert zenoh.Priority.REAL_TIME in copies
+    assert zenoh.Priority.INTERACTIVE_HIGH in copies
 
 
 def test_zenoh_a_stuck_loop_keeps_the_newest_and_counts_the_rest(config: BusConfig):

@@ -151,7 +151,7 @@ def test_a_profile_over_a_base_replaces_single_values_and_whole_lists(tmp_path):
             "[hosts.drone]\nservices = ['drone_gateway', 'tracker']",
             "mine.toml: hosts.drone.services: tracker runs twice",
         ),
-        ("[radio]\nports = [7447, 0]", "mine.toml: radio.ports.1 = 0"),
+        ("[radio]\nports = [7447, 7448, 7449, 0]", "mine.toml: radio.ports.3 = 0"),
         ("[radio]\nnames = ['boss:me']", "mine.toml: radio.names: 'boss:me': must be role:name"),
         ("", "ground.toml: system.host = 'moon'"),
     ],

@@ -92,3 +92,8 @@ def test_what_zenoh_says_of_a_refused_session_is_counted():
     for line in (plain, coloured, "ERROR zenoh::api::session: Received Data for unknown expr_id: 1"):
         refusals.note(line)
     assert str(refusals) == "2 sessions refused (peer sent no certificates)"
+    refusals.note(
+        "2026-11-24T19:35:58Z  WARN rx-5 ThreadId(07) zenoh_link_commons::quic::unicast: QUIC acceptor failed: "
+        'TransportError(Error { code: Code::crypto(2d), frame: None, reason: "invalid peer certificate: Expired" }) Hint: x'
+    )
+    assert str(refusals) == "3 sessions refused (invalid peer certificate: Expired)"

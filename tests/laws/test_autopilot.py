@@ -8,9 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from services.physics import Array
 from services.simulator import autopilot, estimator
 from services.simulator.autopilot import STEP_S
 from services.simulator.commander import Ack, Arm, Mode, SetOrigin, SetParameter, Switch, Terminate
+from services.simulator.estimator import EstimatorState
 from tests.laws.standin import ABOVE, Standin, at, parameters
 
 TOLERANCE = 0.3  # of every measured time
@@ -185,20 +187,43 @@ def test_a_jump_of_motion_capture_is_refused_then_chased():
     assert np.linalg.norm(drone.robot.p_W - (ABOVE - drone.mocap_offset_W)) < 0.05
 
 
-@settings(max_examples=30, deadline=None)
-@given(speed=st.floats(-1.0, 1.0), delay_steps=st.integers(0, 10), start=st.floats(-0.15, 0.15))
-def test_the_estimate_is_late_by_the_delay_of_the_poses(speed: float, delay_steps: int, start: float):
-    """With a perfect accelerometer, constant speed and poses d late, the estimate settles at p(t - d)."""
+def estimated(v: Array, delay_steps: int, start: float, *, told: bool) -> EstimatorState:
+    """After 4 s at constant speed with a perfect accelerometer and late poses, whose age is told or not."""
     p = parameters().estimator
-    v = np.array([speed, 0.0, 0.0])
     state = estimator.initial(np.zeros(3))._replace(since_accepted_s=0.0, p_W=np.array([start, 0.0, 0.0]))
     level, force = np.array([1.0, 0.0, 0.0, 0.0]), np.array([0.0, 0.0, 9.80665])
     for n in range(1, 1001):
         state = estimator.propagate(state, force, level, STEP_S, resting=False)
         if n % 4 == 0:
-            state = estimator.correct(state, v * (n - delay_steps) * STEP_S, p)
+            age_s = delay_steps * STEP_S if told else 0.0
+            state = estimator.correct(state, v * (n - delay_steps) * STEP_S, p, age_s)
+    return state
+
+
+@settings(max_examples=30, deadline=None)
+@given(speed=st.floats(-1.0, 1.0), delay_steps=st.integers(0, 10), start=st.floats(-0.15, 0.15))
+def test_the_estimate_is_late_by_a_delay_that_is_not_told(speed: float, delay_steps: int, start: float):
+    """It settles at p(t - d)."""
+    v = np.array([speed, 0.0, 0.0])
+    state = estimated(v, delay_steps, start, told=False)
     np.testing.assert_allclose(state.v_W, v, atol=1e-6)
     np.testing.assert_allclose(state.p_W, v * (1000 - delay_steps) * STEP_S, atol=1e-6)
+
+
+@settings(max_examples=30, deadline=None)
+@given(speed=st.floats(-1.0, 1.0), delay_steps=st.integers(0, 50), start=st.floats(-0.15, 0.15))
+def test_a_delay_that_is_told_does_no_harm(speed: float, delay_steps: int, start: float):
+    """It settles as quickly as without one, at p(t)."""
+    v = np.array([speed, 0.0, 0.0])
+    state = estimated(v, delay_steps, start, told=True)
+    np.testing.assert_allclose(state.v_W, v, atol=1e-6)
+    np.testing.assert_allclose(state.p_W, v * 1000 * STEP_S, atol=1e-6)
+
+
+def test_a_pose_that_is_too_old_is_refused():
+    p = parameters().estimator
+    state = estimator.initial(np.zeros(3))._replace(since_accepted_s=0.0)
+    assert estimator.correct(state, np.array([0.1, 0.0, 0.0]), p, p.delay_max_s + 0.001) is state
 
 
 def test_parameters_keep_their_type_and_unknown_ones_are_refused():

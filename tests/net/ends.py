@@ -6,6 +6,7 @@ ear   PROFILE NAME SECONDS KEY...               hears topics as NAME and prints,
                                                 then what was refused; `+` before a key prints the message too
 first PROFILE NAME SECONDS KEY                  waits for one valid message and prints it
 who   PROFILE NAME                              prints which names hold a token
+fly   PROFILE NAME SECONDS PHASE                starts the experiment as NAME and prints the phase when it is reached
 """
 
 import asyncio
@@ -17,10 +18,12 @@ from typing import Any
 from schemas.estimation import CableForce, Tare
 from schemas.guidance import GuidanceCommand
 from schemas.message import Message, Quaternion, Vec3
+from schemas.safety import Action
 from schemas.simulation import Truth
-from schemas.topics import BY_KEY, Topic
+from schemas.topics import BY_KEY, SAFETY_STATE, Topic
 from schemas.tracking import HandleSource, HandleState
 from services.config import load
+from services.console.operator import Operator
 from services.console.start import bus_config
 from services.runtime.clock import MonotonicClock
 from services.runtime.node import Node
@@ -106,6 +109,20 @@ async def ear(node: Node, topics: list[Topic[Any]], seconds: float, whole: set[s
     print(json.dumps({"rejected": dict(node.rejected), "clock": node.hosts.two}), flush=True)
 
 
+async def fly(node: Node, seconds: float, phase: str) -> None:
+    """Ask until it starts, then wait."""
+    pilot, states = Operator(node), node.stream(SAFETY_STATE)
+    async with asyncio.timeout(seconds):
+        async for _ in node.ticks(1.0):
+            reply = await pilot.ask(Action.START)
+            if reply and reply.accepted:
+                break
+        async for state in states:
+            if state.phase == phase:
+                print(phase, flush=True)
+                return
+
+
 async def main() -> None:
     """As the module says."""
     kind, profile, name, *rest = sys.argv[1:]
@@ -121,6 +138,8 @@ async def main() -> None:
                     if said.valid:
                         print(json.dumps({"key": rest[1], "said": said.model_dump(mode="json")}), flush=True)
                         return
+        elif kind == "fly":
+            await fly(node, float(rest[0]), rest[1])
         elif kind == "who":
             print(json.dumps({"alive": sorted(bus.alive(1.5))}), flush=True)
         else:

@@ -79,7 +79,7 @@ def test_commands_arrive_on_a_bad_radio_with_bulk_beside_them_and_none_is_acted_
     ages, seqs = of(taken, GUIDANCE.key, "age_s"), of(taken, GUIDANCE.key, "seq")
     too_old = refused.get(GUIDANCE.key, 0)
     print(f"age p50 {quantile(ages, 0.5) * 1e3:.0f} ms, p99 {quantile(ages, 0.99) * 1e3:.0f} ms, {too_old} refused")
-    assert len(crowd) > 1000, "there was a crowd"
+    assert len(crowd) > 500, "there was a crowd, as far as its small window lets it"
     assert len(seqs) > 900
     assert 1.0 - (len(seqs) + too_old) / (seqs[-1] - seqs[0] + 1) < 0.01, "lost"
     assert too_old / len(seqs) < 0.02

@@ -29,7 +29,10 @@ COMMAND = json.dumps(
 )  # fmt: skip
 
 
-def tls(folder: Path, name: str, ca: Path | None = None, **more: Any) -> dict[str, Any]:
+QUIC, TLS = f"quic/{GROUND_IP}:7447?mixed_rel=1;prio=1-1", f"tls/{GROUND_IP}:7450?prio=6-7"
+
+
+def tls(folder: Path, name: str, ca: Path | None = None, link: str = QUIC, **more: Any) -> dict[str, Any]:
     """A session over the radio with a certificate, or without where the name is empty."""
     own = {
         "transport/link/tls/enable_mtls": True,
@@ -37,7 +40,7 @@ def tls(folder: Path, name: str, ca: Path | None = None, **more: Any) -> dict[st
         "transport/link/tls/connect_private_key": str(folder / f"{name}.key"),
     }
     return {
-        "connect/endpoints": [f"tls/{GROUND_IP}:7447?prio=1-5"],
+        "connect/endpoints": [link],
         "transport/link/tls/root_ca_certificate": str(ca or folder / "ca.pem"),
         **(own if name else {}),
         **more,
@@ -107,15 +110,16 @@ def expired(hosts: TwoHosts, tmp_path: Path) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("who", ["no certificate", "foreign authority", "expired", "udp", "plain tcp"])
+@pytest.mark.parametrize("who", ["no certificate", "foreign authority", "expired", "expired, tls", "udp", "plain tcp"])
 def test_who_has_no_valid_certificate_does_not_get_a_session(hosts: TwoHosts, tmp_path, who):
     folder = hosts.folder / "certs"
     settings = {
         "no certificate": lambda: tls(folder, ""),
         "foreign authority": lambda: tls(foreign(tmp_path), "drone", folder / "ca.pem"),
         "expired": lambda: tls(expired(hosts, tmp_path), "drone"),
+        "expired, tls": lambda: tls(expired(hosts, tmp_path), "drone", link=TLS),
         "udp": lambda: {"connect/endpoints": [f"udp/{GROUND_IP}:7447"]},
-        "plain tcp": lambda: {"connect/endpoints": [f"tcp/{GROUND_IP}:7447"]},
+        "plain tcp": lambda: {"connect/endpoints": [f"tcp/{GROUND_IP}:7450"]},
     }[who]()
     before = refusals(hosts)
     ear = Ear(hosts, 7.0, GUIDANCE.key)
@@ -127,8 +131,8 @@ def test_who_has_no_valid_certificate_does_not_get_a_session(hosts: TwoHosts, tm
     assert len(taken) > 50
     assert refused == {}
     assert "drone:drone" in told(hosts)
-    assert (refusals(hosts) > before) is (who != "udp"), "nothing listens to UDP, nobody can tell"
-    assert who != "expired" or "expired" in told(hosts)
+    assert (refusals(hosts) > before) is (who != "udp"), "what is no QUIC is dropped without a word"
+    assert not who.startswith("expired") or "expired" in told(hosts)
 
 
 @pytest.mark.parametrize("name", ["screen", "console"])

@@ -38,8 +38,9 @@ class AheadClock(VirtualClock):
 class Radio:
     """Carries what a host says to the other, late, thinned as the table has it, in order for each topic."""
 
-    def __init__(self, buses: dict[str, MemoryBus], config: Config) -> None:
+    def __init__(self, buses: dict[str, MemoryBus], config: Config, one_way_s: tuple[float, float] = ONE_WAY_S) -> None:
         self.down = False
+        self._one_way_s = one_way_s
         self._random = random.Random(7)
         self._due_s: dict[str, float] = {}
         self._passed_s: dict[str, float] = {}
@@ -58,7 +59,7 @@ class Radio:
         loop.call_at(self._due_s[topic.key], far.put, topic.key, payload, topic.stance)
 
     def _way_s(self) -> float:
-        return self._random.uniform(*ONE_WAY_S)
+        return self._random.uniform(*self._one_way_s)
 
     def ask(self, key: str, on_reply: Callable[[bytes, int], None], timeout_s: float) -> None:
         """As the gateway's bus, from the drone."""
@@ -90,15 +91,29 @@ def with_recorder_on(host: str, config: Config) -> Config:
     return config.model_copy(update={"hosts": hosts})
 
 
-def fly(script: Callable[[Stage, Radio], Coroutine[Any, Any, object]], files: dict[str, Path]) -> Config:
-    """Every service on its host while `script` lasts, and a recorder on each of both."""
+def hurried() -> Config:
+    """The ground's profile with shorter waits, on the whole path."""
     profile = load("ground")
-    config = quicker(profile).model_copy(update={"path": profile.path})
+    return quicker(profile).model_copy(update={"path": profile.path})
+
+
+def fly(script: Callable[[Stage, Radio], Coroutine[Any, Any, object]], files: dict[str, Path]) -> Config:
+    """Every service on its host while `script` lasts, and a recorder on each of those in `files`."""
+    return fly_as(hurried(), script, files, ONE_WAY_S)
+
+
+def fly_as(
+    config: Config,
+    script: Callable[[Stage, Radio], Coroutine[Any, Any, object]],
+    files: dict[str, Path],
+    one_way_s: tuple[float, float],
+) -> Config:
+    """The same by any profile of two hosts."""
 
     async def flight() -> None:
         buses = {"drone": MemoryBus(), "ground": MemoryBus()}
         clocks = {"drone": AheadClock(), "ground": VirtualClock()}
-        radio = Radio(buses, config)
+        radio = Radio(buses, config, one_way_s)
 
         def node(name: str, on: str = "") -> Node:
             host = on or config.host_of(name) or "ground"
@@ -124,7 +139,7 @@ def fly(script: Callable[[Stage, Radio], Coroutine[Any, Any, object]], files: di
                 task.cancel()
             await asyncio.gather(*tasks.values(), return_exceptions=True)
 
-    run_virtual(flight(), limit_s=100.0)
+    run_virtual(flight(), limit_s=200.0)
     return config
 
 

@@ -1,0 +1,95 @@
+"""The experiment itself, split over two hosts: what an outage of the radio does in the middle of the walk."""
+
+import itertools
+import math
+import subprocess
+import time
+from typing import Any
+
+import pytest
+
+from schemas.topics import GUIDANCE, SETPOINT, TRUTH
+from tests.net.conftest import AHEAD_s
+from tests.net.two_hosts import TwoHosts, lines, read_until, write_profile
+
+OUTAGE_s, WALKED_s, AFTER_s = 2.0, 8.0, 3.0
+GROUND, DRONE = (
+    ("simulator", "tracker", "guiding_controller"),
+    ("px4_bridge", "force_estimator", "safety_supervisor"),
+)
+HURRIED = """clear_of_start_m = 0.5
+[safety_supervisor.times]
+settle_s = 0.5
+held_s = 1.0
+fast_mps = 1.2
+[force_estimator.bias]
+tare_s = 2.0
+tare_std_max_N = 0.6
+"""
+
+
+@pytest.fixture
+def profiles(hosts: TwoHosts) -> dict[str, str]:
+    """The tests' profiles with shorter waits."""
+    return {
+        host: str(write_profile(hosts.folder / f"hurried_{host}.toml", host, extra=HURRIED))
+        for host in ("drone", "ground")
+    }
+
+
+@pytest.fixture
+def walking(hosts: TwoHosts, profiles: dict[str, str]) -> None:
+    """Everything runs, and the person has been guided for a while."""
+    hosts.shape(delay_ms=20.0, jitter_ms=5.0, loss=0.0, rate_Mbit_s=5.0, down=False)
+    for host, names in (("ground", GROUND), ("drone", DRONE)):
+        for name in names:
+            hosts.clew(host, "run", name, "--profile", profiles[host])
+    pilot = hosts.end("ground", "fly", profiles["ground"], "operator", "40", "guiding")
+    read_until(pilot, "guiding", 60.0)
+    time.sleep(WALKED_s)
+
+
+def listener(hosts: TwoHosts, profiles: dict[str, str], host: str, *keys: str) -> subprocess.Popen[str]:
+    seconds = OUTAGE_s + AFTER_s + 2.0
+    ear = hosts.end(host, "ear", profiles[host], "watcher", str(seconds), *keys)
+    read_until(ear, "listening")
+    return ear
+
+
+def said(hosts: TwoHosts, ear: subprocess.Popen[str], key: str) -> list[dict[str, Any]]:
+    out, _ = ear.communicate(timeout=60.0)
+    hosts.processes.remove(ear)
+    return [entry["said"] for entry in lines(out) if entry.get("key") == key]
+
+
+def norm(vector: dict[str, float]) -> float:
+    return math.hypot(*vector.values())
+
+
+def test_an_outage_in_the_walk_takes_the_pull_away_and_stops_nothing_onboard(
+    hosts: TwoHosts, profiles: dict[str, str], walking: None
+):
+    near = listener(hosts, profiles, "drone", f"+{SETPOINT.key}")
+    far = listener(hosts, profiles, "ground", f"+{TRUTH.key}")
+    time.sleep(1.0)
+    hosts.shape(down=True)
+    cut_s = time.monotonic()
+    time.sleep(OUTAGE_s)
+    hosts.shape(down=False)
+    back_s = time.monotonic()
+    sent = [(m["stamp_ns"] * 1e-9 - AHEAD_s, m["inputs"].get(GUIDANCE.key, 0)) for m in said(hosts, near, SETPOINT.key)]
+    felt = [(m["stamp_ns"] * 1e-9, norm(m["hand_force_N"])) for m in said(hosts, far, TRUTH.key)]
+
+    gap_s = max(b - a for (a, _), (b, _) in itertools.pairwise(sent))
+    known = max(seq for t, seq in sent if t < back_s)
+    flows_s = min(t for t, seq in sent if t > back_s and seq > known) - back_s
+    before, during = (max(f for t, f in felt if a <= t <= b) for a, b in ((cut_s - 0.5, cut_s), (cut_s, back_s)))
+    late = max(f for t, f in felt if cut_s + 0.5 * OUTAGE_s <= t <= back_s)
+    print(
+        f"guidance {flows_s:.2f} s after the radio; onboard gap {gap_s * 1e3:.0f} ms; "
+        f"force {before:.2f} N before, {during:.2f} N at most in the outage, {late:.2f} N in its second half"
+    )
+    assert gap_s < 0.1 * OUTAGE_s
+    assert flows_s < 0.5 * OUTAGE_s
+    assert during < 1.02 * before
+    assert late < 0.5 * before
