@@ -33,6 +33,9 @@ from services.safety_supervisor.requests import Requests
 from services.safety_supervisor.rules import Facts, Rule
 
 
+STRETCH_M = 0.1  # no cable: a hand that is seen further away is seen where it is not
+
+
 class Senses:
     """The supervisor's ears: one reader per topic it judges by."""
 
@@ -190,7 +193,7 @@ def _aside_N(senses: Senses, config: Config) -> float:
         return 0.0
     l_c, f_c = pose.position_m.array() - hand.position_m.array(), force.force_N.array()
     length = float(norm(l_c))
-    if length < config.cable.rest_length_m:
+    if not 0.0 <= length - config.cable.rest_length_m <= STRETCH_M:
         return 0.0
     return float(norm(f_c - (f_c @ l_c) / length**2 * l_c))
 
