@@ -24,7 +24,8 @@ from services.config import Config, load
 from services.console.start import bus_config
 from services.physics import GRAVITY_MPS2, Array
 from services.px4_bridge import service as bridge
-from services.px4_bridge.telemetry import ImuSample, VehicleSample
+from services.px4_bridge.telemetry import Checks, ImuSample, VehicleSample
+from services.px4_bridge.thrust import Throttle
 from services.runtime.clock import MonotonicClock
 from services.runtime.launcher import launch
 from services.runtime.node import Node
@@ -58,7 +59,7 @@ class Hovering:
     @property
     def sample(self) -> VehicleSample:
         now_ns = self._node.clock.now_ns()
-        return VehicleSample(now_ns, True, True, True, FlightMode.OFFBOARD, True, _HERE, _STILL, _LEVEL, 1.0)
+        return VehicleSample(now_ns, True, True, True, FlightMode.OFFBOARD, True, _HERE, _STILL, _LEVEL, 1.0, 0.0)
 
     async def sense(self) -> None:
         felt = np.array([0.0, 0.0, GRAVITY_MPS2])
@@ -66,7 +67,7 @@ class Hovering:
             self.samples += 1
             now_ns = self._node.clock.now_ns()
             source = ThrustSource.ACTUATOR_OUTPUTS
-            self._waiting.append(ImuSample(now_ns, felt, _STILL, _LEVEL, self._hover_N, source))
+            self._waiting.append(ImuSample(now_ns, felt, _STILL, _LEVEL, self._hover_N, source, Throttle(0.5, 0.25)))
             self._arrived.set()
 
     async def wait_imu(self) -> None:
@@ -89,7 +90,17 @@ class Hovering:
     async def arm(self) -> None:
         pass
 
-    disarm = kill = terminate = set_origin = arm
+    disarm = kill = terminate = set_origin = ask_version = arm
+
+    @property
+    def checks(self) -> Checks:
+        return Checks()
+
+    async def arming_problems(self) -> list[str]:
+        return []
+
+    async def get_parameters(self) -> dict[str, int | float]:
+        return {}
 
     async def set_mode(self, mode: FlightMode) -> None:
         pass

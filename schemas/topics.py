@@ -17,7 +17,7 @@ from schemas.radio import RadioClock
 from schemas.safety import OperatorReply, OperatorRequest, SafetyState
 from schemas.simulation import Truth
 from schemas.tracking import HandleState, MocapFrame, RobotPose
-from schemas.vehicle import Setpoint, VehicleImu, VehicleState
+from schemas.vehicle import Setpoint, VehicleImu, VehicleParameters, VehicleState
 
 M_co = TypeVar("M_co", bound=Message, covariant=True)
 
@@ -78,6 +78,7 @@ HANDLE_STATE    = Topic("handle/state",      HandleState,     "tracker",        
 ROBOT_POSE      = Topic("robot/pose",        RobotPose,       "tracker",            ("px4_bridge", "force_estimator", "safety_supervisor"), 60.0, _S, True, "pose for the autopilot's estimator")
 VEHICLE_IMU     = Topic("vehicle/imu",       VehicleImu,      "px4_bridge",         ("force_estimator",),          250.0, _S, True, "inertial sample, attitude, thrust", radio_Hz=25.0)
 VEHICLE_STATE   = Topic("vehicle/state",     VehicleState,    "px4_bridge",         ("guiding_controller", "safety_supervisor", "tracker"), 50.0, _S, True, "motion, mode, battery")
+PARAMETERS      = Topic("vehicle/parameters", VehicleParameters, "px4_bridge",       (),                              0.0, _B, True, "the autopilot's own parameters, once, for the recording")
 CABLE_FORCE     = Topic("force/cable",       CableForce,      "force_estimator",    ("px4_bridge", "safety_supervisor", "tracker"), 250.0, _S, True, "f̂_c, bias, taut or slack", radio_Hz=25.0)
 GUIDANCE        = Topic("guidance/command",  GuidanceCommand, "guiding_controller", ("px4_bridge", "safety_supervisor"), 100.0, _W, True, "p_R^d(s*), f^d(s*), s*", lifetime_s=0.1)
 SAFETY_STATE    = Topic("safety/state",      SafetyState,     "safety_supervisor",  ("px4_bridge", "guiding_controller", "force_estimator", "simulator"), 50.0, _T, True, "phase, level, permit, reasons")
@@ -97,6 +98,7 @@ TOPICS: tuple[Topic[Message], ...] = (
     ROBOT_POSE,
     VEHICLE_IMU,
     VEHICLE_STATE,
+    PARAMETERS,
     CABLE_FORCE,
     GUIDANCE,
     SAFETY_STATE,

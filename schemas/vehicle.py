@@ -21,6 +21,17 @@ class VehicleImu(Message):
     q_WB_wxyz: Quaternion
     thrust_N: float
     thrust_source: ThrustSource
+    throttle_mean: float = 0.0
+    """Of the shares of their range that the motors use, by which thrust is calibrated."""
+    throttle_square_mean: float = 0.0
+    """Of the squares of these shares."""
+
+
+class VehicleParameters(Message):
+    """The autopilot's own parameters, by its names, as they were when the bridge had connected to it."""
+
+    integers: dict[str, int]
+    reals: dict[str, float]
 
 
 class FlightMode(StrEnum):
@@ -44,6 +55,8 @@ class VehicleState(Message):
     velocity_mps: Vec3
     q_WB_wxyz: Quaternion
     battery_fraction: float
+    battery_V: float = 0.0
+    """0: not known."""
 
 
 class SetpointKind(StrEnum):

@@ -18,12 +18,14 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError,
 from schemas.topics import OPERATOR, SERVICES
 from services import sections
 from services.cable import Cable
+from services.calibration import layer
+from services.calibration.result import Calibration
 from services.gateway.radio import CONSOLE, Host, Radio, check_hosts
 from services.guiding_controller import maneuver, path_file
 from services.guiding_controller.path import Path as GuidedPath
 from services.parameters import NonNegative, Positive, parameters
 from services.physics import GRAVITY_MPS2
-from services.profile_file import ConfigError, find, layered, read, written_in
+from services.profile_file import ConfigError, find, get, layered, put, read, written_in
 from services.px4_bridge.admittance import check as check_virtual_mass
 from services.recorder.writer import Recorder
 from services.runtime.hosts import Placement
@@ -41,6 +43,8 @@ class System:
     seed: int
     host: str = ""
     """Of a system on two hosts, which one this is: drone, ground, or a person's console."""
+    calibration: str = ""
+    """What `clew calibrate` wrote: a name in deploy/calibration, or a file."""
 
 
 @parameters
@@ -74,6 +78,7 @@ class Config(BaseModel):
     recorder: Recorder
     path: sections.PathTable
     person: sections.Person
+    calibration: Calibration = Calibration()
     hosts: dict[str, Host] = Field(default_factory=dict[str, Host])
     radio: Radio | None = None
     subject: str = Field(default="", description="who walks, by the study's own code")
@@ -168,23 +173,9 @@ _SOURCES = {target: source for target, source, _ in DERIVED}
 def _derive(data: dict[str, Any]) -> None:
     """Fill in what follows from elsewhere; what cannot be derived is left to the validation to miss."""
     for target, source, factor in DERIVED:
-        value = _get(data, source)
+        value = get(data, source)
         if value is not None:
-            _set_default(data, target, value * factor if isinstance(value, (int, float)) else value)
-
-
-def _get(data: Any, key: str) -> Any:
-    for part in key.split("."):
-        data = cast("dict[str, Any]", data).get(part) if isinstance(data, dict) else None
-    return data
-
-
-def _set_default(data: Any, key: str, value: Any) -> None:
-    *parents, last = key.split(".")
-    for part in parents:
-        data = cast("dict[str, Any]", data).setdefault(part, {}) if isinstance(data, dict) else None
-    if isinstance(data, dict):
-        cast("dict[str, Any]", data).setdefault(last, value)
+            put(data, target, value * factor if isinstance(value, (int, float)) else value, over=False)
 
 
 def load(
@@ -204,7 +195,7 @@ def load(
         raise ConfigError(f"{file}: system = {system!r}: must be a table")
     system.update({k: v for k, v in (("path", path), ("person", person), ("seed", seed)) if v not in ("", None)})
     if hosts := data.get("hosts"):
-        here = _get(hosts, f"{system.get('host')}.services")  # a fault in it is told of where it was written
+        here = get(hosts, f"{system.get('host')}.services")  # a fault in it is told of where it was written
         named = cast("list[Any]", here) if isinstance(here, list) else []
         system["services"] = [name for name in named if isinstance(name, str)]
     files: dict[str, Path] = dict(written)
@@ -213,8 +204,15 @@ def load(
             raise ConfigError(f"{file}: system.{section}: is missing")
         files[section] = find(folder, str(system[section]), f"{file}: system.{section} = ")
         data[section] = read(files[section])
+    if name := system.get("calibration"):
+        files["calibration"] = find("calibration", str(name), f"{file}: system.calibration = ")
+        data["calibration"] = read(files["calibration"])
+        try:
+            files |= layer.lay_over(data, files["calibration"])
+        except ValidationError as error:
+            raise ConfigError("\n".join(_lines(error, files["calibration"], {}))) from None
     _derive(data)
-    if px4 and _get(data, "simulator.px4_sitl") is not None:
+    if px4 and get(data, "simulator.px4_sitl") is not None:
         _program(data, px4)
     return _validate(file, data | {"session_dir": session_dir}, files)
 

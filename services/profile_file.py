@@ -62,6 +62,22 @@ def layered(file: Path, above: tuple[Path, ...] = ()) -> Layered:
     return Layered(_over(under.data, data), under.written | dict.fromkeys(_keys(data), file))
 
 
+def get(data: Any, key: str) -> Any:
+    """What stands under a dotted key; None where nothing does."""
+    for part in key.split("."):
+        data = cast("dict[str, Any]", data).get(part) if isinstance(data, dict) else None
+    return data
+
+
+def put(data: Any, key: str, value: Any, *, over: bool) -> None:
+    """Write it under a dotted key, unless something stands there that it is not to go over."""
+    *parents, last = key.split(".")
+    for part in parents:
+        data = cast("dict[str, Any]", data).setdefault(part, {}) if isinstance(data, dict) else None
+    if isinstance(data, dict) and (over or last not in data):
+        data[last] = value
+
+
 def written_in(written: Mapping[str, Path], key: str) -> Path | None:
     """The file that says `key`, or the innermost table around it that any file has."""
     parts = key.split(".")

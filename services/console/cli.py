@@ -6,13 +6,14 @@ from typing import Annotated
 
 import typer
 
-from services.console import cli_faults, cli_sessions
+from services.console import cli_calibrate, cli_faults, cli_sessions
 
 app = typer.Typer(
     no_args_is_help=True, add_completion=False, help="Clew guides a person by the hand with a tethered drone."
 )
 
 app.add_typer(cli_sessions.app)
+app.add_typer(cli_calibrate.app)
 app.add_typer(cli_faults.app, name="faults")
 
 Profile = Annotated[str, typer.Option(help="a name in deploy/profiles, or a file")]

@@ -138,7 +138,8 @@ def run_by_hand(name: str, profile: str, px4: str = "") -> int:
         config = load(profile, px4=px4)
         if name == "gateway":
             name = GATEWAYS.get(config.system.host, name)
-        if not config.session_dir and name == "recorder":
+        keeps = name == "recorder" or (name == "simulator" and config.simulator.px4_sitl is not None)
+        if not config.session_dir and keeps:
             config = config.model_copy(update={"session_dir": str(new_session(Path("sessions")).resolve())})
         with told_in(profile):
             return run_service(name, config)

@@ -1,8 +1,11 @@
 """What the bridge says, made of what it knows: laws' states and the vehicle's samples as messages."""
 
+import math
+from collections.abc import Mapping
+
 from schemas.energy import EnergyBalance
 from schemas.message import Quaternion, Vec3
-from schemas.vehicle import Setpoint, SetpointKind, VehicleImu, VehicleState
+from schemas.vehicle import Setpoint, SetpointKind, VehicleImu, VehicleParameters, VehicleState
 from services.px4_bridge import flight
 from services.px4_bridge.telemetry import ImuSample, VehicleSample
 
@@ -22,6 +25,14 @@ def setpoint(output: flight.Output, yaw_rad: float, force_ns: int, now_ns: int, 
         u_A_N=Vec3.of(output.u_A),
         feed_forward=output.feed_forward,
         age_s=(now_ns - force_ns) * 1e-9 if complies and force_ns else 0.0,
+    )
+
+
+def parameters(found: Mapping[str, int | float]) -> VehicleParameters:
+    """Integers are integers there too; one that is not finite is left out."""
+    reals = {name: value for name, value in found.items() if isinstance(value, float) and math.isfinite(value)}
+    return VehicleParameters(
+        integers={name: value for name, value in found.items() if isinstance(value, int)}, reals=reals
     )
 
 
@@ -55,6 +66,8 @@ def imu(sample: ImuSample) -> VehicleImu:
         q_WB_wxyz=Quaternion.of(sample.q_WB_wxyz),
         thrust_N=sample.thrust_N,
         thrust_source=sample.thrust_source,
+        throttle_mean=sample.throttle.mean,
+        throttle_square_mean=sample.throttle.square,
     )
 
 
@@ -72,6 +85,7 @@ def vehicle_state(sample: VehicleSample) -> VehicleState:
         velocity_mps=Vec3.of(sample.v_W),
         q_WB_wxyz=Quaternion.of(sample.q_WB_wxyz),
         battery_fraction=sample.battery_fraction,
+        battery_V=sample.battery_V,
     )
 
 

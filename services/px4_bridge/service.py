@@ -6,8 +6,9 @@ it. A person's `kill` is heard here too, so that it works without a supervisor.
 """
 
 import asyncio
+import logging
 
-from schemas.topics import ENERGY, ROBOT_POSE, SETPOINT, VEHICLE_IMU, VEHICLE_STATE
+from schemas.topics import ENERGY, PARAMETERS, ROBOT_POSE, SETPOINT, VEHICLE_IMU, VEHICLE_STATE
 from schemas.vehicle import FlightMode, VehicleState
 from services.config import Config
 from services.physics import norm
@@ -42,6 +43,7 @@ async def fly(node: Node, config: Config, vehicle: Vehicle) -> None:
             bridge.stream_setpoints,
             bridge.give_orders,
             bridge.stop_motors,
+            bridge.say_parameters,
         ):
             loops.create_task(loop())
 
@@ -64,6 +66,21 @@ class Bridge:
         self._pace = Pace(VEHICLE_STATE.rate_Hz)
         self._flown, self._streaming_s = orders.Flown.NOT_YET, 0.0
         self._trouble = ""
+
+    async def say_parameters(self) -> None:
+        """Once, for the recording: how the vehicle was set. One that does not give them flies all the same.
+
+        Not of one that flies already: a thousand answers would be in the way of its set-points.
+        """
+        async for _ in self._node.ticks(ORDERS_RATE_HZ):
+            if self._vehicle.sample.connected:
+                break
+        if self._vehicle.sample.armed:
+            return
+        try:
+            self._node.publisher(PARAMETERS).publish(said.parameters(await self._vehicle.get_parameters()))
+        except VehicleError as error:
+            logging.getLogger(self._node.name).warning("%s: they are not recorded", error)
 
     async def relay_imu(self) -> None:
         """Every inertial sample, as soon as it is there."""

@@ -19,7 +19,8 @@ Fields: TypeAlias = dict[str, Any]
 
 AUTOPILOT = 1
 FORCED = 21196.0  # MAVLink's second parameter of a disarming that asks no questions
-SET_MODE, TERMINATE, ARM, SET_INTERVAL = 176, 185, 400, 511
+SET_MODE, TERMINATE, ARM, SET_INTERVAL, REQUEST = 176, 185, 400, 511, 512
+VERSION = 148
 MODE_NUMBERS = {FlightMode.OFFBOARD: (6, 0), FlightMode.HOLD: (4, 3), FlightMode.LAND: (4, 6)}
 RESULTS = {1: "temporarily rejected", 2: "denied", 3: "unsupported", 4: "failed", 6: "cancelled"}
 RATES_Hz = {  # message: number and rate, of which the ones that are listened to are asked for
@@ -28,12 +29,15 @@ RATES_Hz = {  # message: number and rate, of which the ones that are listened to
     "ATTITUDE_TARGET": (83, 125.0),
     "HIGHRES_IMU": (105, 250.0),
     "BATTERY_STATUS": (147, 1.0),
+    "ESTIMATOR_STATUS": (230, 1.0),
     "EXTENDED_SYS_STATE": (245, 10.0),
+    "ESC_STATUS": (291, 250.0),
     "ACTUATOR_OUTPUT_STATUS": (375, 250.0),
     "CURRENT_MODE": (436, 50.0),
     "TIMESYNC": (111, 100.0),  # PX4 believes us after 500 answers
 }
-DISPENSABLE = ("CURRENT_MODE",)  # PX4 before 1.15 has it not, and tells the mode by its heartbeat of 1 Hz alone
+DISPENSABLE = ("CURRENT_MODE", "ESTIMATOR_STATUS")
+"""PX4 before 1.15 has no CURRENT_MODE, and tells the mode by its heartbeat of 1 Hz alone; the other is for preflight."""
 _CUSTOM_MODE, _LOCAL_NED = 1, 1
 _COMPONENTS = ("x", "y", "z", "vx", "vy", "vz", "afx", "afy", "afz")  # in the order of the mask's bits
 _UNSET = np.full(3, np.nan)

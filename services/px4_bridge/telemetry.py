@@ -1,8 +1,8 @@
 """From the autopilot's messages to samples in world ENU and body FLU; no connection, no clock, no thread.
 
 An inertial sample is completed by HIGHRES_IMU: specific force and rate are its own, attitude and thrust are the newest
-ones at that moment (at 250 Hz at most 4 ms old). Thrust is the share of the motors' range that is in use times
-`max_thrust_N`: linear, so set a real vehicle's thrust model accordingly; the observer's zeroing takes the rest (G8).
+ones at that moment (at 250 Hz at most 4 ms old). Thrust is what thrust.py makes of the motors' outputs, of their speeds, or
+of the thrust in the attitude target; the observer's zeroing takes the rest (G8).
 PX4 shows its Descend mode as Land, so DESCEND never appears here.
 """
 
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from schemas import frames
 from schemas.vehicle import FlightMode, ThrustSource
 from services.parameters import Positive, parameters
+from services.px4_bridge.thrust import Throttle, Thrust, newtons, throttle
 
 Array = NDArray[np.float64]
 Fields: TypeAlias = Mapping[str, Any]
@@ -30,6 +31,8 @@ _MODES = {
     4 << 16 | 3 << 24: FlightMode.HOLD,
     4 << 16 | 6 << 24: FlightMode.LAND,
 }
+_NO_CELL = 65535
+_PREARM = 1 << 28
 _POSITION_TIMEOUT_NS = 500_000_000
 _FALLBACK_NS = 1_000_000_000  # a vehicle's clock that jumps back by more has been restarted
 _CLOCK_LEAK = 1e-4
@@ -37,12 +40,9 @@ _LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 @parameters
-class Vehicle:
+class Vehicle(Thrust):
     """What has to be known of the vehicle and its messages."""
 
-    thrust_source: ThrustSource
-    max_thrust_N: Positive
-    """All motors together at full range."""
     motors: Annotated[int, Ge(1)]
     actuator_min: float
     actuator_max: float
@@ -59,6 +59,7 @@ class ImuSample(NamedTuple):
     q_WB_wxyz: Array
     thrust_N: float
     thrust_source: ThrustSource
+    throttle: Throttle
 
 
 class VehicleSample(NamedTuple):
@@ -74,6 +75,21 @@ class VehicleSample(NamedTuple):
     v_W: Array
     q_WB_wxyz: Array
     battery_fraction: float
+    battery_V: float
+    """0: not known."""
+
+
+class Checks(NamedTuple):
+    """What is looked at before a flight: MAV_AUTOPILOT, MAV_TYPE, the version (zeros: not told), and what it says of itself."""
+
+    autopilot: int = 0
+    vehicle_type: int = 0
+    version: tuple[int, int, int] = (0, 0, 0)
+    ready: bool = False
+    """Its checks before arming pass, in one bit (SYS_STATUS)."""
+    horizontal_m: float = math.inf
+    vertical_m: float = math.inf
+    """Standard deviations of its position."""
 
 
 class Position(NamedTuple):
@@ -113,12 +129,13 @@ class Telemetry:
         self._time = HostTime()
         self._imu: deque[ImuSample] = deque(maxlen=QUEUE_LENGTH)
         self._q_WB_wxyz: Array | None = None
-        self._thrust_N: float | None = None
+        self._throttle: Throttle | None = None
         self._position = Position(0, np.zeros(3), np.zeros(3))
         self._position_ns = 0
         self._arrival_ns = 0
         self._armed, self._in_air, self._mode = False, False, FlightMode.OTHER
-        self._battery_fraction = 0.0
+        self._battery_fraction, self._battery_V = 0.0, 0.0
+        self.checks = Checks()
         self.heartbeats, self.statuses = 0, 0
         """How often it has been heard, and how often it has told its mode."""
         self.dropped = 0
@@ -131,6 +148,9 @@ class Telemetry:
             "EXTENDED_SYS_STATE": self._take_landed_state,
             "BATTERY_STATUS": self._take_battery,
             "STATUSTEXT": self._take_text,
+            "SYS_STATUS": self._take_readiness,
+            "ESTIMATOR_STATUS": self._take_accuracy,
+            "AUTOPILOT_VERSION": self._take_version,
             "LOCAL_POSITION_NED": self._take_position,
             "ATTITUDE_QUATERNION": self._take_attitude,
             "HIGHRES_IMU": self._take_imu,
@@ -177,6 +197,7 @@ class Telemetry:
             v_W=self._position.v_W,
             q_WB_wxyz=_LEVEL if self._q_WB_wxyz is None else self._q_WB_wxyz,
             battery_fraction=self._battery_fraction,
+            battery_V=self._battery_V,
         )
 
     def _thrust_taker(self) -> dict[str, Any]:
@@ -186,13 +207,12 @@ class Telemetry:
             case ThrustSource.ATTITUDE_TARGET:
                 return {"ATTITUDE_TARGET": self._take_thrust}
             case ThrustSource.ESC_RPM:
-                raise ValueError(
-                    "vehicle.thrust_source: 'esc_rpm' is not supported; use actuator_outputs or attitude_target"
-                )
+                return {"ESC_STATUS": self._take_speeds}
 
     def _take_heartbeat(self, fields: Fields, _arrival_ns: int) -> None:
         self._take_mode(fields, _arrival_ns)
         self._armed = bool(fields["base_mode"] & _ARMED)
+        self.checks = self.checks._replace(autopilot=fields.get("autopilot", 0), vehicle_type=fields.get("type", 0))
         self.heartbeats += 1
 
     def _take_mode(self, fields: Fields, _arrival_ns: int) -> None:
@@ -205,9 +225,22 @@ class Telemetry:
 
     def _take_battery(self, fields: Fields, _arrival_ns: int) -> None:
         self._battery_fraction = max(fields["battery_remaining"], 0) / 100.0  # -1: unknown, shown as empty
+        self._battery_V = sum(cell for cell in fields.get("voltages", ()) if cell != _NO_CELL) / 1000.0
 
     def _take_text(self, fields: Fields, _arrival_ns: int) -> None:
         self.texts.append(fields["text"])
+
+    def _take_readiness(self, fields: Fields, _arrival_ns: int) -> None:
+        self.checks = self.checks._replace(ready=bool(fields["onboard_control_sensors_health"] & _PREARM))
+
+    def _take_accuracy(self, fields: Fields, _arrival_ns: int) -> None:
+        stated = (fields["pos_horiz_accuracy"], fields["pos_vert_accuracy"])
+        horizontal_m, vertical_m = (math.inf if x is None or math.isnan(x) else float(x) for x in stated)
+        self.checks = self.checks._replace(horizontal_m=horizontal_m, vertical_m=vertical_m)
+
+    def _take_version(self, fields: Fields, _arrival_ns: int) -> None:
+        packed = fields["flight_sw_version"]
+        self.checks = self.checks._replace(version=(packed >> 24 & 255, packed >> 16 & 255, packed >> 8 & 255))
 
     def _take_position(self, fields: Fields, arrival_ns: int) -> None:
         stamp_ns = self._time.stamp_ns(1_000_000 * fields["time_boot_ms"], arrival_ns)
@@ -223,20 +256,27 @@ class Telemetry:
     def _take_outputs(self, fields: Fields, _arrival_ns: int) -> None:
         p = self._p
         span = p.actuator_max - p.actuator_min
-        used = [min(max((u - p.actuator_min) / span, 0.0), 1.0) for u in fields["actuator"][: p.motors]]
-        self._thrust_N = p.max_thrust_N * sum(used) / p.motors
+        self._throttle = throttle([(u - p.actuator_min) / span for u in fields["actuator"][: p.motors]])
 
     def _take_thrust(self, fields: Fields, _arrival_ns: int) -> None:
-        self._thrust_N = self._p.max_thrust_N * min(max(fields["thrust"], 0.0), 1.0)
+        self._throttle = throttle([fields["thrust"]])
+
+    def _take_speeds(self, fields: Fields, _arrival_ns: int) -> None:
+        """Four motors a message, the first of which is `index`; a vehicle has them all in the first."""
+        if fields["index"] == 0:
+            self._throttle = throttle([abs(rpm) / self._p.rpm_max for rpm in fields["rpm"][: self._p.motors]])
 
     def _take_imu(self, fields: Fields, arrival_ns: int) -> None:
-        if fields["id"] != 0 or self._q_WB_wxyz is None or self._thrust_N is None:
+        if fields["id"] != 0 or self._q_WB_wxyz is None or self._throttle is None:
             return
         self.dropped += len(self._imu) == QUEUE_LENGTH
         stamp_ns = self._time.stamp_ns(1000 * fields["time_usec"], arrival_ns)
         felt = np.array((_three(fields, "xacc", "yacc", "zacc"), _three(fields, "xgyro", "ygyro", "zgyro")))
         force, rate = frames.flu_from_frd(felt)
-        self._imu.append(ImuSample(stamp_ns, force, rate, self._q_WB_wxyz, self._thrust_N, self._p.thrust_source))
+        thrust_N = newtons(self._throttle, self._battery_V, self._p)
+        self._imu.append(
+            ImuSample(stamp_ns, force, rate, self._q_WB_wxyz, thrust_N, self._p.thrust_source, self._throttle)
+        )
 
 
 def _three(fields: Fields, x: str, y: str, z: str) -> tuple[float, float, float]:

@@ -10,15 +10,15 @@ it is acknowledged.
 
 import asyncio
 import logging
-import socket
 from collections import deque
 from collections.abc import AsyncGenerator, Callable
 from contextlib import asynccontextmanager
-from typing import Any
+from typing import Any, cast
 
 import mavsdk
 import numpy as np
 from mavsdk import ComponentType, Configuration, ConnectionResult, LogLevel, Mavsdk
+from mavsdk.plugins.events import Events, EventsError
 from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkDirectResult, MavlinkMessage
 from mavsdk.plugins.param import Param, ParamError, ParamResult
 from numpy.typing import NDArray
@@ -26,13 +26,15 @@ from pydantic_core import from_json, to_json
 
 from schemas.vehicle import FlightMode
 from services.px4_bridge import telecommand, telemetry
+from services.px4_bridge.port import refuse_used
 from services.px4_bridge.telecommand import AUTOPILOT, Fields
-from services.px4_bridge.telemetry import ImuSample, Telemetry, VehicleSample
+from services.px4_bridge.telemetry import Checks, ImuSample, Telemetry, VehicleSample
 from services.px4_bridge.vehicle_protocol import Vehicle, VehicleError
 
 Array = NDArray[np.float64]
 
-_TIMESYNC = "TIMESYNC"
+_TIMESYNC, _WARNING = "TIMESYNC", 4  # the latter by syslog's levels
+_ALL_PARAMETERS_S = 60.0  # a thousand of them, over a slow link
 _log = logging.getLogger(__name__)
 
 
@@ -49,6 +51,7 @@ class MavsdkVehicle(Vehicle):
         self._inbox: deque[tuple[str, str, int]] = deque()
         self._handing_over = False
         self._renewal: asyncio.Task[None] | None = None
+        self._system, self._events = system, cast(Events | None, None)
         self._system_id: int = system.get_system_id()
         self._direct, self._parameters = MavlinkDirect(system), Param(system)
         self._wanted = (*self._telemetry.messages, *([_TIMESYNC] if tell_time else []))
@@ -73,7 +76,7 @@ class MavsdkVehicle(Vehicle):
         `tell_time` the autopilot is told this clock, so that it dates poses by their stamps and not by their arrival.
         Raises VehicleError when the port is in use, the URL is no good or no autopilot appears.
         """
-        _refuse_used_port(url)
+        refuse_used(url)
         mavsdk.log_subscribe(_on_log)
         library = Mavsdk(Configuration.create_with_component_type(ComponentType.COMPANION_COMPUTER))
         try:
@@ -133,6 +136,27 @@ class MavsdkVehicle(Vehicle):
     async def set_origin(self) -> None:
         self._send("SET_GPS_GLOBAL_ORIGIN", telecommand.origin() | {"target_system": self._system_id})
 
+    @property
+    def checks(self) -> Checks:
+        return self._telemetry.checks
+
+    async def ask_version(self) -> None:
+        await self._command("version", telecommand.command(telecommand.REQUEST, telecommand.VERSION))
+
+    async def arming_problems(self) -> list[str]:
+        self._events = self._events or Events(self._system)  # not before: its dictionary is fetched from the vehicle
+        try:
+            report = await self._in_thread("arming checks", self._events.get_health_and_arming_checks_report)
+        except EventsError as error:
+            raise VehicleError(f"arming checks: {error.result.name.lower()}") from None
+        mode = report.current_mode_intention
+        grave = [p.message for p in mode.problems if p.log_level <= _WARNING]
+        return [] if mode.can_arm_or_run else grave or [f"cannot arm in mode {mode.mode_name}"]
+
+    async def get_parameters(self) -> dict[str, int | float]:
+        found = await self._in_thread("parameters", self._parameters.get_all_params, within_s=_ALL_PARAMETERS_S)
+        return {each.name: each.value for each in (*found.int_params, *found.float_params)}
+
     async def get_parameter(self, name: str) -> int | float:
         try:
             return await self._in_thread(f"parameter {name}", self._parameters.get_param_int, name)
@@ -148,13 +172,14 @@ class MavsdkVehicle(Vehicle):
         except ParamError as error:
             raise VehicleError(f"parameter {name} = {value}: {error.result.name.lower()}") from error
 
-    async def _in_thread(self, what: str, call: Callable[..., Any], *arguments: Any) -> Any:
+    async def _in_thread(self, what: str, call: Callable[..., Any], *arguments: Any, within_s: float = 0.0) -> Any:
         """A blocking call, which MAVSDK itself ends within a few seconds, so that the process can still exit."""
+        within_s = within_s or self._answer_s
         try:
-            async with asyncio.timeout(self._answer_s):
+            async with asyncio.timeout(within_s):
                 return await asyncio.to_thread(call, *arguments)
         except TimeoutError:
-            raise VehicleError(f"{what}: no answer within {self._answer_s:g} s") from None
+            raise VehicleError(f"{what}: no answer within {within_s:g} s") from None
 
     async def _command(self, what: str, fields: Fields) -> None:
         """Send a COMMAND_LONG and check its acknowledgement."""
@@ -250,19 +275,6 @@ def _message(name: str, fields: Fields) -> MavlinkMessage:
 def _settle(done: asyncio.Future[Any], result: Any) -> None:
     if not done.done():
         done.set_result(result)
-
-
-def _refuse_used_port(url: str) -> None:
-    """MAVSDK shares a UDP port with whoever has it already, and then each gets a part of the messages."""
-    scheme, _, address = url.partition("://")
-    host, _, port = address.partition(":")
-    if scheme not in ("udpin", "udp") or not port.isdigit():
-        return
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.bind((host, int(port)))
-        except OSError as error:
-            raise VehicleError(f"cannot open {url}: port {port} is in use ({error.strerror})") from error
 
 
 async def _first_autopilot(library: Mavsdk, url: str, timeout_s: float) -> Any:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from schemas.vehicle import FlightMode
-from services.px4_bridge.telemetry import ImuSample, VehicleSample
+from services.px4_bridge.telemetry import Checks, ImuSample, VehicleSample
 
 Array = NDArray[np.float64]
 
@@ -65,6 +65,23 @@ class Vehicle(Protocol):
 
     async def set_origin(self) -> None:
         """Tell the autopilot some place on earth, which it wants before it holds a position; it does not answer."""
+        ...
+
+    @property
+    def checks(self) -> Checks:
+        """What is looked at before a flight, as far as it has been told."""
+        ...
+
+    async def ask_version(self) -> None:
+        """Let it tell its version, which is then among the checks."""
+        ...
+
+    async def arming_problems(self) -> list[str]:
+        """What it has against arming in its present mode, in its own words; VehicleError where it does not give them."""
+        ...
+
+    async def get_parameters(self) -> dict[str, int | float]:
+        """All of them."""
         ...
 
     async def get_parameter(self, name: str) -> int | float:

@@ -14,12 +14,21 @@ from numpy.typing import NDArray
 from schemas import frames
 from schemas.vehicle import FlightMode, ThrustSource
 from services.px4_bridge import telecommand, telemetry
-from services.px4_bridge.telemetry import ImuSample, Telemetry, VehicleSample
+from services.px4_bridge.telemetry import Checks, ImuSample, Telemetry, VehicleSample
 from services.px4_bridge.vehicle_protocol import Vehicle, VehicleError
 from services.simulator.autopilot import Answer, AutopilotState, Input, Output, Pose, Sensors, Target
 from services.simulator.cascade import Setpoint
 from services.simulator.commander import Ack, Arm, Mode, Request, SetOrigin, SetParameter, Switch, Terminate
-from services.simulator.mavlink_streams import CUSTOM_MODE, has_begun, pwm_us
+from services.simulator.mavlink_streams import (
+    CUSTOM_MODE,
+    PREARM,
+    PX4,
+    QUADROTOR,
+    VERSION,
+    accuracy_m,
+    has_begun,
+    pwm_us,
+)
 
 Array = NDArray[np.float64]
 
@@ -142,6 +151,22 @@ class DirectVehicle(Vehicle):
     async def set_origin(self) -> None:
         self._put(SetOrigin())
 
+    @property
+    def checks(self) -> Checks:
+        return self._telemetry.checks
+
+    async def ask_version(self) -> None:
+        self._telemetry.take("AUTOPILOT_VERSION", {"flight_sw_version": VERSION}, self._now_ns())
+
+    async def arming_problems(self) -> list[str]:
+        raise VehicleError("arming checks: unsupported")
+
+    async def get_parameters(self) -> dict[str, int | float]:
+        while not self._px4:
+            self._stepped.clear()
+            await self._stepped.wait()
+        return dict(self._px4)
+
     async def get_parameter(self, name: str) -> int | float:
         if name not in self._px4:
             raise VehicleError(f"parameter {name}: unknown")
@@ -196,14 +221,24 @@ def _messages(state: AutopilotState, sensors: Sensors, n: int, p: telemetry.Vehi
     messages: Messages = [
         (
             "HEARTBEAT",
-            {"base_mode": 129 if state.commander.armed else 1, "custom_mode": CUSTOM_MODE[state.commander.mode]},
+            {
+                "base_mode": 129 if state.commander.armed else 1,
+                "custom_mode": CUSTOM_MODE[state.commander.mode],
+                "type": QUADROTOR,
+                "autopilot": PX4,
+            },
         ),
         ("EXTENDED_SYS_STATE", {"landed_state": 1 if state.ground.landed else 2}),
         ("ATTITUDE_QUATERNION", dict(zip(("q1", "q2", "q3", "q4"), q, strict=True))),
         _thrust(state, p),
     ]
     if n % 250 == 1:
-        messages.append(("BATTERY_STATUS", {"battery_remaining": round(100 * sensors.battery_fraction)}))
+        stated_m = accuracy_m(state)
+        messages += [
+            ("BATTERY_STATUS", {"battery_remaining": round(100 * sensors.battery_fraction)}),
+            ("SYS_STATUS", {"onboard_control_sensors_health": PREARM if state.has_position else 0}),
+            ("ESTIMATOR_STATUS", {"pos_horiz_accuracy": stated_m, "pos_vert_accuracy": stated_m}),
+        ]
     if n % 2 == 0 and has_begun(state):
         messages.append(("LOCAL_POSITION_NED", {"time_boot_ms": int(1000 * state.t_s)} | _position(state)))
     return [*messages, ("HIGHRES_IMU", _imu(state, sensors))]

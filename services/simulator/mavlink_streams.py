@@ -20,7 +20,9 @@ CUSTOM_MODE = {  # PX4's main mode << 16 | sub mode << 24; it shows Descend as L
     Mode.LAND: 4 << 16 | 6 << 24,
     Mode.DESCEND: 4 << 16 | 6 << 24,
 }
-_QUADROTOR, _PX4 = 2, 12
+QUADROTOR, PX4 = 2, 12
+VERSION = 0x011100FF
+"""1.17.0, as packed."""
 _CUSTOM_MODE_ENABLED, _ARMED = 1, 128
 _STANDBY, _ACTIVE, _TERMINATED = 3, 4, 8
 _ON_GROUND, _IN_AIR = 1, 2
@@ -28,6 +30,9 @@ _BATTERY_CELL_V = 3.5
 _NOT_SET = 65535
 _ATTITUDE_QUATERNION, _ACTUATOR_OUTPUT_STATUS, _HIGHRES_IMU, _LOCAL_POSITION_NED = 31, 375, 105, 32
 _CURRENT_MODE = 436
+PREARM = 1 << 28
+_ESTIMATES = 0x1F  # attitude, velocity and position
+_ACCURACY_M, _DRIFT_MPS = 0.005, 0.1
 _UNUSED_OUTPUTS = (0.0,) * 28
 _ACCEPTED_FIELDS = 63  # accelerometer and gyro are new in this sample
 
@@ -44,7 +49,7 @@ def _heartbeat(mav: Any, now: Moment) -> None:
     orders = now.state.commander
     base = _CUSTOM_MODE_ENABLED | (_ARMED if orders.armed else 0)
     status = _TERMINATED if orders.terminated else _ACTIVE if orders.armed else _STANDBY
-    mav.heartbeat_send(_QUADROTOR, _PX4, base, CUSTOM_MODE[orders.mode], status)
+    mav.heartbeat_send(QUADROTOR, PX4, base, CUSTOM_MODE[orders.mode], status)
 
 
 def _current_mode(mav: Any, now: Moment) -> None:
@@ -53,8 +58,20 @@ def _current_mode(mav: Any, now: Moment) -> None:
 
 
 def _sys_status(mav: Any, now: Moment) -> None:
+    ready = PREARM if now.state.has_position else 0
     percent = round(100 * now.sensors.battery_fraction)
-    mav.sys_status_send(0, 0, 0, 0, int(4000 * _BATTERY_CELL_V), -1, percent, 0, 0, 0, 0, 0, 0)
+    mav.sys_status_send(PREARM, PREARM, ready, 0, int(4000 * _BATTERY_CELL_V), -1, percent, 0, 0, 0, 0, 0, 0)
+
+
+def accuracy_m(state: AutopilotState) -> float:
+    """Of motion capture while there is any, then what dead reckoning makes of it; infinite before the first pose."""
+    return _ACCURACY_M + _DRIFT_MPS * state.estimator.since_accepted_s
+
+
+def _estimator_status(mav: Any, now: Moment) -> None:
+    stated_m = accuracy_m(now.state)
+    flags = _ESTIMATES if now.state.has_position else 0
+    mav.estimator_status_send(now.time_us, flags, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, stated_m, stated_m)
 
 
 def _battery_status(mav: Any, now: Moment) -> None:
@@ -123,7 +140,7 @@ def _timesync(mav: Any, now: Moment) -> None:
 def _autopilot_version(mav: Any, now: Moment) -> None:
     """Capabilities: float parameters, COMMAND_INT, offboard set-points, MAVLink 2."""
     capabilities = 1 << 1 | 1 << 3 | 1 << 6 | 1 << 7 | 1 << 13
-    mav.autopilot_version_send(capabilities, 0x011100FF, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 1)
+    mav.autopilot_version_send(capabilities, VERSION, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 1)
 
 
 @dataclass
@@ -158,6 +175,7 @@ def streams() -> tuple[Stream, ...]:
         Stream(_CURRENT_MODE, _current_mode, 0.5, 250.0),
         Stream(1, _sys_status, 1.0, 10.0),
         Stream(147, _battery_status, 0.5, 10.0),
+        Stream(230, _estimator_status, 1.0, 50.0),
         Stream(245, _extended_sys_state, 5.0, 50.0),
         Stream(111, _timesync, 10.0, 250.0),
         Stream(148, _autopilot_version, 0.0, 1.0),

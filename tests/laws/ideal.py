@@ -17,13 +17,13 @@ from services.px4_bridge import admittance, tank
 PATHS = File(__file__).parents[2] / "deploy" / "paths"
 PLANE_Z = 1.0
 CABLE = cable.Cable(rest_length_m=1.0, k_c_N_per_m=200.0, d_c_Ns_per_m=1.0)
-GUIDING = guiding.Guiding(k_H_N_per_m=4.5, f_z_N=1.0, e_R_max_m=0.22, ramp_s=2.0, s_rate_max_mps=1.0, window_m=0.5)
+GUIDING = guiding.Guiding(k_H_N_per_m=4.5, f_z_N=1.0, e_R_max_m=0.175, ramp_s=2.0, s_rate_max_mps=1.0, window_m=0.5)
 FILTER = admittance.Admittance(
     M_A_kg=0.8,
     b_A_Ns_per_m=2.4,
     k_H_N_per_m=4.5,
     k_z_N_per_m=10.0,
-    e_R_max_m=0.22,
+    e_R_max_m=0.175,
     b_free_Ns_per_m=10.0,
     b_slack_Ns_per_m=10.0,
     slack_keep_s=1.0,

@@ -19,7 +19,7 @@ from pymavlink.dialects.v20 import development as dialect
 from schemas.vehicle import FlightMode
 from services.px4_bridge import telecommand, telemetry
 from services.px4_bridge.telecommand import AUTOPILOT, Fields
-from services.px4_bridge.telemetry import ImuSample, Telemetry, VehicleSample
+from services.px4_bridge.telemetry import Checks, ImuSample, Telemetry, VehicleSample
 from services.px4_bridge.vehicle_protocol import Vehicle, VehicleError
 from services.simulator.autopilot import STEP_S, Sensors
 from services.simulator.pilot import Pilot
@@ -180,6 +180,19 @@ class Px4Vehicle(Vehicle, Pilot):
 
     async def set_origin(self) -> None:
         self._send("set_gps_global_origin", telecommand.origin() | {"target_system": 1})
+
+    @property
+    def checks(self) -> Checks:
+        return self._telemetry.checks
+
+    async def ask_version(self) -> None:
+        self.order(telecommand.command(telecommand.REQUEST, telecommand.VERSION))
+
+    async def arming_problems(self) -> list[str]:
+        raise VehicleError("arming checks: not asked for on virtual time")
+
+    async def get_parameters(self) -> dict[str, int | float]:
+        raise VehicleError("parameters: not asked for on virtual time")
 
     async def get_parameter(self, name: str) -> int | float:
         raise VehicleError(f"parameter {name}: not asked for on virtual time")

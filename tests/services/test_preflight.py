@@ -5,9 +5,10 @@ import socket
 
 import pytest
 
+from schemas.vehicle import ThrustSource
 from services.config import load
-from services.console.preflight import look, preflight
-from services.px4_bridge.preflight import Found, differing, reasons
+from services.console.preflight import look, posing, preflight
+from services.px4_bridge.preflight import Estimate, Found, Identity, Thrust, Wanted, differing, reasons
 from services.rehearsal.direct_vehicle import DirectVehicle
 from services.simulator import service as simulator
 from tests.services.alone import Alone, alone
@@ -16,9 +17,65 @@ CONFIG = load("demo")
 WANTED = CONFIG.px4_bridge.px4
 
 
+SOUND = Found(
+    identity=Identity(12, 2, (1, 17, 0)),
+    parameters=WANTED,
+    refused=(),
+    armed=False,
+    specific_force_mps2=9.81,
+    poses=100,
+    estimate=Estimate(True, 0.005, 0.004),
+    arming=(),
+    battery_fraction=0.9,
+)
+RIGHT = Wanted(WANTED, Thrust(ThrustSource.ACTUATOR_OUTPUTS, 0.005, False, True), 0.8, 1.5, 0.3)
+
+
 def against(battery=0.9, armed=False, **changed):
     parameters = {name: value for name, value in (WANTED | changed).items() if value is not None}
-    return reasons(Found(parameters, armed, battery), WANTED, 0.3)
+    return reasons(SOUND._replace(parameters=parameters, armed=armed, battery_fraction=battery), RIGHT)
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"identity": Identity(3, 2, (1, 17, 0))}, "the autopilot is no PX4 (MAV_AUTOPILOT = 3)"),
+        ({"identity": Identity(12, 1, (1, 17, 0))}, "the vehicle is no quadrotor (MAV_TYPE = 1, must be 2)"),
+        ({"identity": Identity(12, 2, (1, 14, 3))}, "PX4's version is 1.14.3, at least 1.15.0"),
+        ({"identity": Identity(12, 2, (0, 0, 0))}, "PX4's version is not told, at least 1.15.0"),
+        ({"refused": ["parameter X = 1: does_not_exist"]}, "parameter X = 1: does_not_exist"),
+        ({"specific_force_mps2": 0.0}, "no inertial samples"),
+        ({"specific_force_mps2": 8.5}, "at rest the accelerometer reads 8.50 m/s²: 1.05 N of bias"),
+        ({"poses": 0}, "no poses from motion capture: it cannot know where it is"),
+        ({"estimate": Estimate(False, 0.0, 0.0)}, "the autopilot has no position"),
+        ({"estimate": Estimate(True, 0.2, 0.01)}, "its position is uncertain by 0.200 m, height by 0.010 m"),
+        ({"arming": ["Heading estimate not stable"]}, "PX4: Heading estimate not stable"),
+    ],
+)
+def test_each_thing_that_is_wrong_is_told(change, told):
+    assert [what for what, _ in reasons(SOUND._replace(**change), RIGHT)] == [told]
+
+
+@pytest.mark.parametrize(
+    ("thrust", "told"),
+    [
+        (Thrust(ThrustSource.ESC_RPM, 0.0, False, False), ["thrust by esc_rpm is not calibrated"]),
+        (
+            Thrust(ThrustSource.ESC_RPM, 0.03, False, True),
+            ["thrust by esc_rpm is wrong by 3.0 %, at most 2 % (0.24 N)"],
+        ),
+        (Thrust(ThrustSource.ACTUATOR_OUTPUTS, 0.0, True, False), []),
+    ],
+)
+def test_a_real_vehicle_wants_a_calibrated_thrust(thrust, told):
+    assert [what for what, _ in reasons(SOUND, RIGHT._replace(thrust=thrust))] == told
+
+
+@pytest.mark.parametrize(("name", "value"), [("COM_OBL_RC_ACT", 0), ("COM_OF_LOSS_T", 5.0)])
+def test_a_profile_that_would_fly_on_or_climb_again_is_told_too(name, value):
+    wrong = WANTED | {name: value}
+    ((what, _),) = reasons(SOUND._replace(parameters=wrong), RIGHT._replace(parameters=wrong))
+    assert what.startswith(f"the profile's {name} = {value}: must be")
 
 
 def test_a_vehicle_that_is_set_as_the_profile_wants_may_fly():
@@ -54,8 +111,9 @@ def preflights(*fixes):
 
     async def script(stage: Alone) -> None:
         await asyncio.sleep(1.5)
-        for fix in fixes:
-            listed.append(await look(CONFIG, vehicles[0], fix=fix))
+        async with posing(CONFIG, stage.node("tracker"), vehicles[0]) as poses:
+            for fix in fixes:
+                listed.append(await look(CONFIG, vehicles[0], poses, fix=fix))
 
     alone(play, {}, script)
     return listed

@@ -11,7 +11,7 @@ from schemas.vehicle import FlightMode
 from services.config import load
 from services.force_estimator import observer
 from services.px4_bridge import preflight
-from services.px4_bridge.preflight import Found
+from services.px4_bridge.preflight import Estimate, Found, Identity, Thrust, Wanted
 from services.px4_bridge.telemetry import Telemetry
 from tests.services import px4_log
 
@@ -116,10 +116,25 @@ def test_the_observer_finds_the_cables_force(heard, truth):
 
 def test_the_preflight_finds_nothing_against_the_flight_that_was_flown(log, heard):
     told = {packet.fields["param_id"]: parameter(packet.fields) for packet in log if packet.name == "PARAM_VALUE"}
-    battery = heard[0][-1][1].battery_fraction
-    assert preflight.reasons(Found(told, False, battery), CONFIG.px4_bridge.px4, 0.3) == []
+    (beat, *_) = (packet.fields for packet in log if packet.name == "HEARTBEAT")
+    vehicle, inertial = heard
+    resting = [s for s in inertial if s.stamp_ns < 1e9 * next(t for t, now in vehicle if now.armed)]
+    found = Found(
+        identity=Identity(beat["autopilot"], beat["type"], (1, 17, 0)),  # the log has no version, no estimator's word
+        parameters=told,
+        refused=(),
+        armed=False,
+        specific_force_mps2=float(np.mean([np.linalg.norm(s.specific_force_B) for s in resting])),
+        poses=1,
+        estimate=Estimate(True, 0.0, 0.0),
+        arming=(),
+        battery_fraction=vehicle[-1][1].battery_fraction,
+    )
+    p = CONFIG.px4_bridge.vehicle
+    wanted = Wanted(CONFIG.px4_bridge.px4, Thrust(p.thrust_source, p.thrust_error, True, False), 0.8, 1.5, 0.3)
+    assert preflight.reasons(found, wanted) == []
     told["COM_OBL_RC_ACT"] = 0
-    assert len(preflight.reasons(Found(told, False, battery), CONFIG.px4_bridge.px4, 0.3)) == 1
+    assert len(preflight.reasons(found, wanted)) == 1
 
 
 def parameter(fields):
