@@ -32,7 +32,6 @@ from services.safety_supervisor.plan import hall, plan
 from services.safety_supervisor.requests import Requests
 from services.safety_supervisor.rules import Facts, Rule
 
-
 STRETCH_M = 0.1  # no cable: a hand that is seen further away is seen where it is not
 
 
