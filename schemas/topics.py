@@ -74,6 +74,7 @@ OPERATOR = "operator"  # a person's console, not a service
 _S, _W, _T, _C, _B = Stance.STREAM, Stance.TWICE, Stance.STATE, Stance.COMMAND, Stance.BULK
 #                       key                  type             publisher             subscribers                    rate stance logged
 MOCAP_FRAME     = Topic("mocap/frame",       MocapFrame,      "simulator",          ("tracker",),                   60.0, _S, True, "rigid bodies as the simulated capture system sees them")
+MOCAP_SEEN      = Topic("mocap/seen",        MocapFrame,      "tracker",            (),                              0.0, _S, True, "as mocap/frame, of a real capture system: its frames as the tracker took them")
 HANDLE_STATE    = Topic("handle/state",      HandleState,     "tracker",            ("guiding_controller", "force_estimator", "safety_supervisor", "px4_bridge"), 60.0, _S, True, "p_H, v_H")
 ROBOT_POSE      = Topic("robot/pose",        RobotPose,       "tracker",            ("px4_bridge", "force_estimator", "safety_supervisor"), 60.0, _S, True, "pose for the autopilot's estimator")
 VEHICLE_IMU     = Topic("vehicle/imu",       VehicleImu,      "px4_bridge",         ("force_estimator",),          250.0, _S, True, "inertial sample, attitude, thrust", radio_Hz=25.0)
@@ -94,6 +95,7 @@ HEALTH          = {name: Topic(f"health/{name}", Heartbeat,   name,             
 
 TOPICS: tuple[Topic[Message], ...] = (
     MOCAP_FRAME,
+    MOCAP_SEEN,
     HANDLE_STATE,
     ROBOT_POSE,
     VEHICLE_IMU,

@@ -13,11 +13,21 @@ class RigidBody(Part):
     q_WB_wxyz: Quaternion = Quaternion()
 
 
+class StampedBy(StrEnum):
+    """Whose clock said when a frame was true."""
+
+    SOURCE = "source"  # the capture system's own, brought to this host's clock by its fastest frames
+    ARRIVAL = (
+        "arrival"  # nobody's: the frame arrived then, and is older by what the capture system and its network took
+    )
+
+
 class MocapFrame(Message):
-    """One frame of the motion-capture system, as its driver delivers it."""
+    """One frame of the motion-capture system, as its driver delivers it: robot's centre of mass, and O_H."""
 
     robot: RigidBody
     handle: RigidBody
+    stamped_by: StampedBy = StampedBy.SOURCE
 
 
 class RobotPose(Message):

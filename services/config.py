@@ -29,6 +29,7 @@ from services.profile_file import ConfigError, find, get, layered, put, read, wr
 from services.px4_bridge.admittance import check as check_virtual_mass
 from services.recorder.writer import Recorder
 from services.runtime.hosts import Placement
+from services.tracker.bodies import check as check_source
 
 
 @parameters
@@ -106,6 +107,7 @@ class Config(BaseModel):
         except ValueError as error:
             raise ValueError(f"path.{error}") from None
         self._inside_volume()
+        check_source(self.tracker.source, self.tracker.mocap)
         tank, work = self.px4_bridge.tank, maneuver.work(self.guided_path)
         enough = tank.capacity_J >= work + tank.fade_J
         limit = f"at least {work + tank.fade_J:.2f} J: the walk takes {work:.2f} J, and the tank fades below fade_J"

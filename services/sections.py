@@ -24,7 +24,10 @@ from services.simulator.human import Event, Human
 from services.simulator.imu import Mocap
 from services.simulator.px4_sitl import Px4Sitl
 from services.simulator.subject import Subject
+from services.tracker.axes import Axes
+from services.tracker.bodies import CaptureSystem
 from services.tracker.filtering import Filter
+from services.tracker.robot import Robot
 
 GuidingController = Guiding
 Vehicle = flight.Vehicle
@@ -46,9 +49,12 @@ class Tracker:
     """Motion capture: where frames come from, and the filters of hand and robot."""
 
     source: str
+    """`simulated`, or the capture system by its name (tracker/bodies.py); `mocap` says the rest of it."""
     handle: Filter
-    robot: Filter
+    robot: Robot
+    axes: Axes
     fallback_force_min_N: Positive
+    mocap: CaptureSystem | None = None
 
 
 @parameters

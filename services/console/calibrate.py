@@ -3,7 +3,7 @@
 import asyncio
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -140,9 +140,12 @@ async def _keep(node: Node, topic: Topic[Message], into: list[Message]) -> None:
 
 
 async def _watch(node: Node, config: Config, into: list[Message]) -> None:
-    """The capture system itself, as the tracker opens it: what it sees is not always on the bus."""
-    async for frame in open_source(config.tracker.source, node):
-        into.append(frame)
+    """The capture system itself, as the tracker opens it but where its own origin of the handle is: that is what is sought."""
+    p = config.tracker
+    bare = p.mocap and replace(p.mocap, handle=replace(p.mocap.handle, offset_m=(0.0, 0.0, 0.0)))
+    async with open_source(replace(p, mocap=bare), node) as source:
+        async for frame in source.frames:
+            into.append(frame)
 
 
 def _table(kind: type[Message], messages: list[Message]) -> samples.Table:

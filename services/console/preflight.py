@@ -1,7 +1,8 @@
-"""`clew preflight`: what stands against a flight of the profile's vehicle, with cures. The system itself must not run.
+"""`clew preflight`: what stands against a flight, with cures, of what this host has: vehicle, motion capture, clocks.
 
-Before it can say whether it may be armed, the autopilot wants poses, and set-points with offboard mode selected. It gets both for
-a few seconds, unarmed: poses from the capture system, or from a tracker that runs; as the set-point the place where it stands.
+The bridge must not run meanwhile. Before it can say whether it may be armed, the autopilot wants poses, and set-points with
+offboard mode selected. It gets both for a few seconds, unarmed: poses from the capture system, or from a tracker that runs; as
+the set-point the place where it stands.
 """
 
 import asyncio
@@ -14,8 +15,10 @@ import numpy as np
 from schemas.topics import ROBOT_POSE
 from schemas.vehicle import FlightMode
 from services.config import Config, load, told_in
+from services.console import vehicle_link
 from services.console.look import with_node
-from services.console.start import check_radio, services_of
+from services.console.preflight_ground import look_at_capture, look_at_clocks
+from services.console.start import check_devices, check_radio, services_of
 from services.profile_file import ConfigError
 from services.px4_bridge.preflight import Estimate, Found, Identity, Reason, Thrust, Wanted, differing, reasons
 from services.px4_bridge.vehicle import MavsdkVehicle
@@ -33,22 +36,19 @@ _PERIOD_S = 0.02
 def preflight(profile: str, fix: bool) -> int:
     """Print the list. Returns the exit code: 0 for an empty one, 1 when something stands against it, 2 for bad input.
 
-    Bad input is a profile, and for a system on two hosts this one's certificates and addresses.
+    Bad input is a profile, a link that cannot be opened, and for a system on two hosts this one's certificates and addresses.
     """
     try:
         config = load(profile)
         with told_in(profile):
             check_radio(config)
+            check_devices(config, config.system.services)
     except ConfigError as error:
         print(error, file=sys.stderr)  # noqa: T201
         return 2
 
     async def listed(node: Node, _bus: object) -> int:
-        try:
-            found = await _connected(config, node, fix)
-        except VehicleError as error:
-            found = [Reason(str(error), "check power, cable, port and baud rate of px4_bridge.link.url")]
-        return _print(found)
+        return _print(await _look_at_all(config, node, fix))
 
     return with_node(profile, listed)
 
@@ -58,6 +58,21 @@ def _print(listed: list[Reason]) -> int:
         print(f"{n}. {what}: {cure}")  # noqa: T201
     print("it may fly" if not listed else f"{len(listed)} against a flight")  # noqa: T201
     return 1 if listed else 0
+
+
+async def _look_at_all(config: Config, node: Node, fix: bool) -> list[Reason]:
+    listed = await _look_at_vehicle(config, node, fix) if "px4_bridge" in config.system.services else []
+    listed += await look_at_capture(config) if "tracker" in config.system.services else []
+    return listed + await look_at_clocks(config, node)
+
+
+async def _look_at_vehicle(config: Config, node: Node, fix: bool) -> list[Reason]:
+    if heard := vehicle_link.silence(config.px4_bridge.link.url):
+        return [Reason(heard, "and no other program may have the device open")]
+    try:
+        return await _connected(config, node, fix)
+    except VehicleError as error:
+        return [Reason(str(error), "check power, cable, port and baud rate of px4_bridge.link.url")]
 
 
 async def _connected(config: Config, node: Node, fix: bool) -> list[Reason]:
@@ -91,10 +106,11 @@ async def posing(config: Config, node: Node, vehicle: Vehicle) -> AsyncGenerator
         await asyncio.sleep(_REST_S)
         if poses.count:
             return
-        async for frame in open_source(config.tracker.source, node):
-            if frame.robot.tracked:
-                vehicle.send_pose(frame.robot.position_m.array(), frame.robot.q_WB_wxyz.array(), frame.stamp_ns)
-                poses.count += 1
+        async with open_source(config.tracker, node) as source:
+            async for frame in source.frames:
+                if frame.robot.tracked:
+                    vehicle.send_pose(frame.robot.position_m.array(), frame.robot.q_WB_wxyz.array(), frame.stamp_ns)
+                    poses.count += 1
 
     tasks = [asyncio.create_task(tracked()), asyncio.create_task(captured())]
     try:

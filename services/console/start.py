@@ -3,7 +3,7 @@
 import asyncio
 import importlib
 import sys
-from collections.abc import AsyncGenerator
+from collections.abc import AsyncGenerator, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from datetime import datetime
@@ -11,11 +11,14 @@ from pathlib import Path
 
 from schemas.topics import GATEWAYS, SERVICES
 from services.config import Config, ConfigError, load, told_in
+from services.console import vehicle_link
 from services.runtime.bus_config import BusConfig, default_run_dir
 from services.runtime.clock import Clock, MonotonicClock
 from services.runtime.launcher import Launched, ServiceDied, launch
 from services.runtime.process import serve
 from services.runtime.zenoh_bus import ZenohBus
+from services.tracker import capture
+from services.tracker.bodies import SIMULATED
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,10 +35,11 @@ class Choice:
     out: Path = Path("sessions")
 
     def config(self) -> Config:
-        """Validated, the radio's certificates too, with a new session folder. Raises ConfigError, OSError."""
+        """Validated, with certificates and devices of this host, and a new session folder. Raises ConfigError, OSError."""
         config = load(self.profile, path=self.path, person=self.person, seed=self.seed, px4=self.px4)
         with told_in(self.profile):
             check_radio(config)
+            check_devices(config, config.system.services)
         folder = str(new_session(self.out).resolve())
         return config.model_copy(update={"subject": self.subject, "condition": self.condition, "session_dir": folder})
 
@@ -56,6 +60,14 @@ def check_radio(config: Config) -> None:
         from services.gateway.start import check
 
         check(config, bus_config(config))
+
+
+def check_devices(config: Config, services: Sequence[str]) -> None:
+    """Of those services: the vehicle's link and the capture system's client, before anything starts. Raises ConfigError."""
+    if "px4_bridge" in services:
+        vehicle_link.check(config.px4_bridge.link.url)
+    if "tracker" in services and config.tracker.source != SIMULATED and config.tracker.mocap:
+        capture.check(config.tracker.source, config.tracker.mocap)
 
 
 def services_of(config: Config) -> tuple[str, ...]:
@@ -142,6 +154,7 @@ def run_by_hand(name: str, profile: str, px4: str = "") -> int:
         if not config.session_dir and keeps:
             config = config.model_copy(update={"session_dir": str(new_session(Path("sessions")).resolve())})
         with told_in(profile):
+            check_devices(config, (name,))
             return run_service(name, config)
     except ConfigError as error:
         print(error, file=sys.stderr)  # noqa: T201

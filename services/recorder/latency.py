@@ -3,7 +3,7 @@
 import numpy as np
 
 from schemas.message import Message
-from schemas.topics import GUIDANCE, HANDLE_STATE, MOCAP_FRAME, SETPOINT, Topic
+from schemas.topics import GUIDANCE, HANDLE_STATE, MOCAP_FRAME, MOCAP_SEEN, SETPOINT, Topic
 from services.recorder.reading import Session
 from services.recorder.table import Array
 
@@ -19,14 +19,21 @@ def reactions(session: Session) -> dict[str, Array]:
     with the turn in which the service said its message.
     """
     chain = [topic for topic in CHAIN if len(session.table(topic)["t_s"])]
+    if len(session.table(MOCAP_SEEN)["t_s"]):
+        chain = [MOCAP_SEEN, *(topic for topic in chain if topic is not MOCAP_FRAME)]
     if HANDLE_STATE not in chain or chain[-1] is not SETPOINT:
         return {}
     times = _first_reached(chain, session)
     stages = {
-        f"{a.publisher} -> {b.publisher}": later - earlier
+        f"{_source(a)} -> {b.publisher}": later - earlier
         for a, b, earlier, later in zip(chain, chain[1:], times, times[1:], strict=False)
     }
     return stages | {"total": times[-1] - times[0]}
+
+
+def _source(topic: Topic[Message]) -> str:
+    """Who said it; the tracker writes down what a capture system said."""
+    return "capture" if topic is MOCAP_SEEN else topic.publisher
 
 
 def _first_reached(chain: list[Topic[Message]], session: Session) -> list[Array]:

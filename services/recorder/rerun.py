@@ -39,6 +39,7 @@ from services.runtime.node import Tick
 from services.runtime.virtual import VirtualLoop, run_virtual
 from services.safety_supervisor import service as safety_supervisor
 from services.tracker import service as tracker
+from services.tracker import sources
 
 _PATIENCE = 50  # turns of the event loop that a service may take to answer one of its own
 
@@ -53,6 +54,11 @@ class Subject(NamedTuple):
     run: Callable[[RerunNode, Config], Coroutine[Any, Any, None]]
     turns: Topic[Message]
     also: tuple[Topic[Message], ...] = ()
+
+
+async def _recorded_frames(node: RerunNode, config: Config) -> None:
+    """The tracker on frames as they were recorded, whichever capture system they came from."""
+    await tracker.track(node, config, sources.recorded(config.tracker, node))
 
 
 async def _setpoints(node: RerunNode, config: Config) -> None:
@@ -79,7 +85,7 @@ class _RecordedBridge(px4_bridge.Bridge):
 
 
 SUBJECTS = {
-    "tracker": Subject(tracker.run, HANDLE_STATE, (ROBOT_POSE,)),
+    "tracker": Subject(_recorded_frames, HANDLE_STATE, (ROBOT_POSE,)),
     "force_estimator": Subject(force_estimator.run, CABLE_FORCE),
     "guiding_controller": Subject(guiding_controller.run, GUIDANCE),
     "safety_supervisor": Subject(safety_supervisor.run, SAFETY_STATE, (REPLY,)),

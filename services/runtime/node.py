@@ -12,7 +12,7 @@ from services.runtime.clock import Clock
 from services.runtime.heart import Heart, Report
 from services.runtime.hosts import Hosts, Placement
 from services.runtime.inbox import Inbox
-from services.runtime.readers import Latest, Queue, Stream, used
+from services.runtime.readers import Arrivals, Latest, Queue, Stream, used
 from services.runtime.ticker import LoopStats, Tick, ticks
 from services.runtime.turn import Turn
 
@@ -90,6 +90,10 @@ class Node:
     def stream(self, topic: Topic[M], depth: int = 64) -> Stream[M]:
         """A reader of every message; at most `depth` wait. Raises as `latest`."""
         return Stream(self._inbox(topic), depth, self._heart)
+
+    def arrivals(self, depth: int = 64) -> Arrivals[Any]:
+        """A way into this service's loop for a device that is not on the bus; at most `depth` messages wait."""
+        return Arrivals(depth, self._heart)
 
     def ticks(self, rate_Hz: float) -> AsyncIterator[Tick]:
         """The service's loop: `async for tick in node.ticks(100.0)`."""

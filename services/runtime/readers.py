@@ -8,6 +8,7 @@ among the `inputs` too.
 
 import asyncio
 from collections import deque
+from collections.abc import Sized
 from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar
 
 from schemas.message import MISSED, TICK, Message
@@ -115,36 +116,68 @@ class Queue(Latest[M]):
         self._queue.append(message)
 
 
+class _Bell:
+    """Wakes a loop that waits for something to arrive; the heart goes on beating meanwhile."""
+
+    def __init__(self, heart: "Heart") -> None:
+        self._heart = heart
+        self._waiter: asyncio.Future[None] | None = None
+        heart.sleepers.append(self.ring)
+
+    async def until(self, waiting: Sized) -> None:
+        """Return when `waiting` is not empty: a turn of the loop begins."""
+        while not waiting:
+            self._heart.beat()
+            self._heart.wake_later()
+            self._waiter = asyncio.get_running_loop().create_future()
+            await self._waiter
+        self._heart.turn()
+
+    def ring(self) -> None:
+        """Let whoever waits look again."""
+        if self._waiter and not self._waiter.done():
+            self._waiter.set_result(None)
+
+
 class Stream(Queue[M]):
     """A queue that can be waited for: `async for message in stream`."""
 
     def __init__(self, inbox: Inbox[M], depth: int, heart: "Heart") -> None:
         inbox.wake()
         super().__init__(inbox, depth)
-        self._heart = heart
-        self._waiter: asyncio.Future[None] | None = None
-        heart.sleepers.append(self._wake)
+        self._bell = _Bell(heart)
 
     def __aiter__(self) -> Self:
         return self
 
     async def __anext__(self) -> M:
-        while not self._queue:
-            self._heart.beat()
-            self._heart.wake_later()
-            self._waiter = asyncio.get_running_loop().create_future()
-            await self._waiter
-        self._heart.turn()
+        await self._bell.until(self._queue)
         self._taken = self._queue.popleft()
         return self._inbox.hosts.here(self.topic.publisher, self._taken)
 
     def _push(self, message: M) -> None:
         super()._push(message)
-        self._wake()
+        self._bell.ring()
 
-    def _wake(self) -> None:
-        if self._waiter and not self._waiter.done():
-            self._waiter.set_result(None)
+
+class Arrivals(Generic[M]):
+    """What comes to a loop from a device instead of the bus, in order; when the loop lags, the oldest are dropped."""
+
+    def __init__(self, depth: int, heart: "Heart") -> None:
+        self._queue: deque[M] = deque(maxlen=depth)
+        self._bell = _Bell(heart)
+
+    def put(self, message: M) -> None:
+        """From the loop's own thread."""
+        self._queue.append(message)
+        self._bell.ring()
+
+    def __aiter__(self) -> Self:
+        return self
+
+    async def __anext__(self) -> M:
+        await self._bell.until(self._queue)
+        return self._queue.popleft()
 
 
 def used(*readers: Latest[Any], tick: Tick | None = None) -> dict[str, int]:

@@ -28,7 +28,7 @@ class Sample(IntEnum):
 
     ACCEPTED = 0
     MISSING = 1  # no measurement in this frame: coasting
-    JUMP = 2  # further from the prediction than a hand can be: coasting
+    JUMP = 2  # further from the prediction than it can be: coasting
     RESTART = 3  # nothing was accepted for `lost_s`: begin anew from this one
 
 
@@ -44,11 +44,13 @@ class Filter:
 
 
 class State(NamedTuple):
-    """Position, velocity, (..., 3); time since a measurement was accepted and since the last restart in s, (...)."""
+    """Position, velocity, (..., 3); times in s, (...): since a measurement was accepted, how much of that without any
+    measurement, and since the last restart."""
 
     p: Array
     v: Array
     unseen_s: Scalar
+    hidden_s: Scalar
     settled_s: Scalar
 
 
@@ -64,22 +66,34 @@ class Output(NamedTuple):
 def start(shape: tuple[int, ...] = ()) -> State:
     """Nothing seen yet: the first measurement restarts the filter."""
     zero = np.zeros((*shape, 3))
-    return State(zero, zero, scalar(np.full(shape, LONG_S)), scalar(np.zeros(shape)))
+    return State(zero, zero, scalar(np.full(shape, LONG_S)), scalar(np.zeros(shape)), scalar(np.zeros(shape)))
 
 
-def step(state: State, z: Array, measured: Scalar, dt: Scalar, p: Filter) -> tuple[State, Output]:
+def step(
+    state: State,
+    z: Array,
+    measured: Scalar,
+    dt: Scalar,
+    p: Filter,
+    *,
+    follows: Scalar = True,
+    may_restart: Scalar = True,
+) -> tuple[State, Output]:
     """One frame, `dt` s after the last; `z` (m, (..., 3)) counts only where `measured`.
 
-    The gate widens with the time since the last accepted measurement, `gate_m + gate_mps * time`: a hand may have
-    moved. Valid: accepted within `lost_s`, and `settle_s` have passed since a restart (a restart has no velocity
-    yet).
+    The gate widens while nothing is measured, `gate_m + gate_mps * time`: a hand may have moved. It does not while it
+    keeps measurements out: what has jumped stays out until `lost_s`. Whoever knows more of a measurement may say that it
+    does not follow from the last ones (`follows`), or that this is no place to begin anew (`may_restart`). Valid: accepted
+    within `lost_s`, and `settle_s` have passed since a restart (a restart has no velocity yet).
     """
     unseen_s, v = state.unseen_s + dt, components(state.v)
+    hidden_s = state.hidden_s + choose(measured, 0.0, dt)
     predicted = [x + dt * v_i for x, v_i in zip(components(state.p), v, strict=True)]
     r = [x - there for x, there in zip(components(z), predicted, strict=True)]
-    near = sum(d * d for d in r) ** 0.5 <= p.gate_m + p.gate_mps * unseen_s
+    near = (sum(d * d for d in r) ** 0.5 <= p.gate_m + p.gate_mps * (hidden_s + dt)) & follows
     lost = unseen_s > p.lost_s
-    sample = choose(lost, Sample.RESTART, choose(near, Sample.ACCEPTED, Sample.JUMP))
+    fresh = choose(may_restart, Sample.RESTART, Sample.JUMP)
+    sample = choose(lost, fresh, choose(near, Sample.ACCEPTED, Sample.JUMP))
     sample = choose(measured, sample, Sample.MISSING)
     restart, accept = sample == Sample.RESTART, sample == Sample.ACCEPTED
     # After a gap the gain is that of the whole gap, so the filter forgets a stale velocity.
@@ -88,9 +102,10 @@ def step(state: State, z: Array, measured: Scalar, dt: Scalar, p: Filter) -> tup
     p_H = vector(*(there + alpha * d for there, d in zip(predicted, r, strict=True)))
     v_H = vector(*(keep * v_i + beta_per_s * d for v_i, d in zip(v, r, strict=True)))
     unseen_s = choose(restart | accept, 0.0, clamp(unseen_s, 0.0, LONG_S))
+    hidden_s = choose(restart | accept, 0.0, clamp(hidden_s, 0.0, LONG_S))
     settled_s = choose(restart, 0.0, clamp(state.settled_s + dt, 0.0, LONG_S))
     valid = (unseen_s <= p.lost_s) & (settled_s >= p.settle_s)
-    return State(p_H, v_H, unseen_s, settled_s), Output(p_H, v_H, sample, valid)
+    return State(p_H, v_H, unseen_s, hidden_s, settled_s), Output(p_H, v_H, sample, valid)
 
 
 def _gains(dt: Scalar, tau_s: float) -> tuple[Scalar, Scalar]:

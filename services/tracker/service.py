@@ -4,37 +4,74 @@ import numpy as np
 
 from schemas.estimation import CableForce
 from schemas.message import Vec3
-from schemas.topics import CABLE_FORCE, HANDLE_STATE, MOCAP_FRAME, ROBOT_POSE, VEHICLE_STATE
+from schemas.topics import CABLE_FORCE, HANDLE_STATE, MOCAP_SEEN, ROBOT_POSE, VEHICLE_STATE
 from schemas.tracking import HandleSource, HandleState, MocapFrame, RobotPose
 from schemas.vehicle import VehicleState
 from services.config import Config
 from services.physics import Array
 from services.runtime.node import Node, used
 from services.runtime.readers import Latest
-from services.tracker import filtering
-from services.tracker.sources import open_source
+from services.tracker import axes, filtering, robot
+from services.tracker.filtering import Sample
+from services.tracker.robot import Belief
+from services.tracker.sources import Source, open_source
 
 LONGEST_STEP_S = 0.5
 
 
 async def run(node: Node, config: Config) -> None:
-    """One handle state and, while it is seen, one robot pose per frame."""
+    """Follow the profile's capture system."""
+    async with open_source(config.tracker, node) as source:
+        await track(node, config, source)
+
+
+async def track(node: Node, config: Config, source: Source) -> None:
+    """One handle state and, while it is seen where it can be, one robot pose per frame."""
     p = config.tracker
     vehicle, force = node.latest(VEHICLE_STATE), node.latest(CABLE_FORCE)
     handles, robots = node.publisher(HANDLE_STATE), node.publisher(ROBOT_POSE)
-    hand, robot, last_ns = filtering.start(), filtering.start(), 0
-    async for frame in open_source(p.source, node):
+    hand, body, world, last_ns = filtering.start(), robot.start(), axes.start(), 0
+    async for taken in source.frames:
+        frame = taken if taken.seq else node.publisher(MOCAP_SEEN).publish(taken)
         dt = min(max((frame.stamp_ns - last_ns) * 1e-9, 1e-4), LONGEST_STEP_S)
         last_ns = frame.stamp_ns
-        origin = {MOCAP_FRAME.key: frame.seq} if frame.seq else {}
-        robot, seen = filtering.step(robot, frame.robot.position_m.array(), frame.robot.tracked, dt, p.robot)
-        if seen.valid and seen.sample in (filtering.Sample.ACCEPTED, filtering.Sample.RESTART):
-            robots.publish(_pose(frame, origin))
-        hand, found = filtering.step(hand, frame.handle.position_m.array(), frame.handle.tracked, dt, p.handle)
+        belief = _belief(vehicle)
+        if not belief.flying:
+            world = _axes(world, frame, dt, p.axes)
+        wrong = axes.complaint(world)
+        z_R, q_R = frame.robot.position_m.array(), frame.robot.q_WB_wxyz.array()
+        body, seen = robot.step(body, z_R, q_R, frame.robot.tracked, belief, dt, p.robot)
+        inputs = {source.topic.key: frame.seq} | used(vehicle, force)
+        if seen.valid and seen.sample in (Sample.ACCEPTED, Sample.RESTART) and not wrong:
+            robots.publish(_pose(frame, inputs))
+        # A robot that has jumped may be a world that has: then the handle has too.
+        tracked = frame.handle.tracked and seen.sample != Sample.JUMP
+        hand, found = filtering.step(hand, frame.handle.position_m.array(), tracked, dt, p.handle)
         message = _seen(found, p.handle.tau_s) if found.valid else _guessed(vehicle, force, config)
-        node.status = f"handle by {message.source}, robot {filtering.Sample(int(seen.sample)).name.lower()}"
-        inputs = origin | ({} if message.source is HandleSource.MOCAP else used(vehicle, force))
+        message = _nothing(wrong) if wrong else message
+        node.status = source.trouble() or wrong or f"handle by {message.source}, robot {_said(seen, z_R, belief)}"
         handles.publish(message.model_copy(update={"stamp_ns": frame.stamp_ns, "inputs": inputs}))
+
+
+def _belief(vehicle: Latest[VehicleState]) -> Belief:
+    """Where the autopilot believes to be; nowhere while it is armed and not heard. Without a position it follows nothing."""
+    told = vehicle.message
+    if told is None or not told.armed or not told.valid:
+        return Belief(np.zeros(3), np.zeros(4), flying=False)
+    p = told.position_m.array() if vehicle.fresh else np.full(3, np.inf)
+    return Belief(p, told.q_WB_wxyz.array(), flying=True)
+
+
+def _axes(world: axes.State, frame: MocapFrame, dt: float, p: axes.Axes) -> axes.State:
+    if not (frame.robot.tracked and frame.handle.tracked):
+        return world
+    both = np.array((frame.robot.position_m.array(), frame.handle.position_m.array()))
+    return axes.step(world, both, frame.robot.q_WB_wxyz.array(), dt, p)
+
+
+def _said(seen: filtering.Output, z_R: Array, belief: Belief) -> str:
+    away = f" {np.linalg.norm(z_R - belief.p):.2f} m from where it flies" if belief.flying else ""
+    return Sample(int(seen.sample)).name.lower() + (away if seen.sample == Sample.JUMP else "")
 
 
 def _pose(frame: MocapFrame, inputs: dict[str, int]) -> RobotPose:

@@ -28,7 +28,7 @@ def refusal(folder, *changes, path=""):
 
 def test_every_profile_of_the_house_loads():
     for file in (deploy_folder() / "profiles").glob("*.toml"):
-        if file.stem == "two_hosts":  # the base of others
+        if file.stem in ("two_hosts", "hardware"):  # the bases of others
             with pytest.raises(ConfigError, match=r"system.host = '': must be one of drone, ground, console$"):
                 load(file.stem)
         else:
@@ -177,8 +177,42 @@ def test_a_fault_that_is_found_later_is_told_in_the_file_that_says_its_key(tmp_p
         raise ConfigError("/x/ca.pem: is missing")
 
 
-def test_both_hosts_of_a_pair_agree_on_everything_but_which_they_are():
-    drone, ground = load("drone").model_dump(), load("ground").model_dump()
+@pytest.mark.parametrize("kind", ["", "-sim"])
+def test_both_hosts_of_a_pair_agree_on_everything_but_which_they_are(kind):
+    drone, ground = load(f"drone{kind}").model_dump(), load(f"ground{kind}").model_dump()
     assert (drone["system"].pop("host"), ground["system"].pop("host")) == ("drone", "ground")
     assert not set(drone["system"].pop("services")) & set(ground["system"].pop("services"))
     assert drone == ground
+
+
+def test_on_hardware_nothing_is_simulated_and_each_host_has_what_it_needs():
+    drone, ground = load("drone").system.services, load("ground").system.services
+    assert "simulator" not in (*drone, *ground)
+    assert {"px4_bridge", "force_estimator", "safety_supervisor"} <= set(drone)
+    assert {"tracker", "guiding_controller"} <= set(ground)
+    assert load("ground").tracker.mocap is not None
+
+
+@pytest.mark.parametrize(
+    ("changes", "fault"),
+    [
+        ('[tracker]\nsource = "vicom"\n', "tracker.source = 'vicom': must be one of simulated, vicon, optitrack"),
+        ('[tracker.mocap.handle]\nbody = "robot"\n', "tracker.mocap.handle.body = 'robot': is the robot's too"),
+        ("[tracker.mocap]\nrate_max_Hz = 40.0\n", "tracker.mocap.rate_max_Hz = 40.0: must be above rate_min_Hz = 50.0"),
+        ("[tracker.mocap]\nhost = 7\n", "tracker.mocap.host = 7: must be a valid string"),
+        ("[tracker.mocap.robot]\noffset_m = [0.0]\n", "tracker.mocap.robot.offset_m.1: is missing"),
+    ],
+)
+def test_a_capture_system_that_cannot_be_is_refused(tmp_path, changes, fault):
+    file = tmp_path / "lab.toml"
+    file.write_text(f'base = "ground"\n{changes}')
+    with pytest.raises(ConfigError) as why:
+        load(str(file))
+    assert str(why.value).splitlines()[0].startswith(f"{file}: {fault}")
+
+
+def test_a_capture_system_without_its_section_is_refused(tmp_path):
+    file = tmp_path / "lab.toml"
+    file.write_text('base = "demo"\n[tracker]\nsource = "vicon"\n')
+    with pytest.raises(ConfigError, match=r"tracker.mocap: is missing, for tracker.source = 'vicon'"):
+        load(str(file))

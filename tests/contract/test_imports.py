@@ -16,7 +16,7 @@ from services.console.start import module_of
 ROOT = Path(__file__).parents[2]
 DEVICES = {
     "service",
-    "sources",
+    *("sources", "capture", "driver"),
     "stage",
     "ears",
     "vehicle",

@@ -108,7 +108,7 @@ def test_fallback_refuses_a_small_force(f_c: Array) -> None:
 
 def test_it_broadcasts() -> None:
     z = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 1.0], [2.0, 0.0, 1.0]])
-    state = filtering.State(0.99 * z, 0.1 * z, np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 1.0]))
+    state = filtering.State(0.99 * z, 0.1 * z, np.array([0.0, 0.0, 1.0]), np.zeros(3), np.array([1.0, 0.0, 1.0]))
     measured = np.array([True, False, True])
     together = filtering.step(state, z, measured, DT, P)
     for i in range(3):

@@ -93,7 +93,7 @@ def with_recorder_on(host: str, config: Config) -> Config:
 
 def hurried() -> Config:
     """The ground's profile with shorter waits, on the whole path."""
-    profile = load("ground")
+    profile = load("ground-sim")
     return quicker(profile).model_copy(update={"path": profile.path})
 
 

@@ -119,9 +119,12 @@ def test_a_port_in_use_is_said(tmp_path):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", port))
         ended = run(tmp_path, "up", str(profile))
-    assert ended.returncode == 1
-    assert "px4_bridge" in ended.stderr
-    assert "in use" in ended.stderr
+    (line,) = ended.stderr.splitlines()
+    assert ended.returncode == 2
+    assert line.startswith(
+        f"{profile}: px4_bridge.link.url = udpin://127.0.0.1:{port}: port {port}: address already in use"
+    )
+    assert not (tmp_path / "sessions").exists()
 
 
 def test_bad_configuration_starts_nothing(tmp_path):
