@@ -76,3 +76,8 @@ class Message(Part):
     inputs: dict[str, int] = Field(default_factory=dict)
     valid: bool = True
     invalid_reason: str = ""
+
+    @property
+    def voice(self) -> str:
+        """Whose count `seq` is, on a topic on which more than one may speak."""
+        return ""

@@ -8,3 +8,8 @@ class OperatorNote(Message):
 
     operator: str
     text: str
+
+    @property
+    def voice(self) -> str:
+        """Each person's console counts for itself."""
+        return self.operator

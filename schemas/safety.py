@@ -89,6 +89,11 @@ class OperatorRequest(Message):
     operator: str
     request_id: int
 
+    @property
+    def voice(self) -> str:
+        """Each person's console counts for itself."""
+        return self.operator
+
 
 class OperatorReply(Message):
     """The supervisor's answer to a request."""

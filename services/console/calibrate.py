@@ -180,6 +180,11 @@ def _thrust(asked: Asked, heard: list[Heard]) -> Outcome:
         f"{found.voltage_exponent:.2f}; lag {1000 * found.lag_s:.0f} ms; seen from {found.low_N:.2f} to "
         f"{found.high_N:.2f} N with m_R = {mass_kg:g} kg (the profile had {p.max_thrust_N:.3f} N, {p.thrust_curve:.3f})"
     )
+    walk_N = (mass_kg + only.config.world.handle_mass_kg) * GRAVITY_MPS2 + only.config.guiding_controller.f_z_N
+    if found.high_N < walk_N:
+        words += (
+            f"\nguiding takes {walk_N:.1f} N, more than was seen: its error there is not known; fly steps up and down"
+        )
     return Outcome(said, words, "was it windy, did the load swing, did anything touch the cable?")
 
 

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 LOG_LEVELS = "error,zenoh_link_tls=warn,zenoh_link_commons=warn"
 _COLOURS = re.compile(r"\x1b\[[0-9;]*m")
 _REASON = re.compile(r'reason: "([^"]+)"')
+_GIVEN_UP = re.compile(r"ConnectionClosed|ApplicationClosed|LocallyClosed|TimedOut|Reset")  # by whom a radio cut off
 _FROM_LINK = re.compile(r"WARN .*zenoh_link_\w+\S*: (.*)")
 
 
@@ -21,7 +22,8 @@ class Refusals:
 
     def note(self, line: str) -> None:
         """Look at one line of the log."""
-        if found := _FROM_LINK.search(_COLOURS.sub("", line)):
+        found = _FROM_LINK.search(_COLOURS.sub("", line))
+        if found and not _GIVEN_UP.search(found[1]):
             self.count += 1
             said = found[1].split(" Hint")[0].strip(" .")
             reason = _REASON.search(said)  # QUIC's, among much else

@@ -75,7 +75,7 @@ def vehicle_state(sample: VehicleSample) -> VehicleState:
     """The vehicle as the autopilot describes it."""
     return VehicleState(
         stamp_ns=sample.stamp_ns,
-        valid=sample.connected and sample.has_position,
+        valid=sample.connected and sample.has_position and sample.knows_time,
         invalid_reason=_trouble(sample),
         connected=sample.connected,
         armed=sample.armed,
@@ -92,4 +92,6 @@ def vehicle_state(sample: VehicleSample) -> VehicleState:
 def _trouble(sample: VehicleSample) -> str:
     if not sample.connected:
         return "no heartbeat from the autopilot"
-    return "" if sample.has_position else "the autopilot has no position: does it get poses?"
+    if not sample.has_position:
+        return "the autopilot has no position: does it get poses?"
+    return "" if sample.knows_time else "the autopilot does not know our clock yet: wait some seconds"

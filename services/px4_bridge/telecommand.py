@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 Fields: TypeAlias = dict[str, Any]
 
 AUTOPILOT = 1
+TOLD_ENOUGH = 600  # answers to TIMESYNC: PX4 believes us after 500, and leaves out those that took long
 FORCED = 21196.0  # MAVLink's second parameter of a disarming that asks no questions
 SET_MODE, TERMINATE, ARM, SET_INTERVAL, REQUEST = 176, 185, 400, 511, 512
 VERSION = 148
@@ -34,7 +35,7 @@ RATES_Hz = {  # message: number and rate, of which the ones that are listened to
     "ESC_STATUS": (291, 250.0),
     "ACTUATOR_OUTPUT_STATUS": (375, 250.0),
     "CURRENT_MODE": (436, 50.0),
-    "TIMESYNC": (111, 100.0),  # PX4 believes us after 500 answers
+    "TIMESYNC": (111, 100.0),  # 6 s until it knows
 }
 DISPENSABLE = ("CURRENT_MODE", "ESTIMATOR_STATUS")
 """PX4 before 1.15 has no CURRENT_MODE, and tells the mode by its heartbeat of 1 Hz alone; the other is for preflight."""

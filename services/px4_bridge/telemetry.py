@@ -77,6 +77,8 @@ class VehicleSample(NamedTuple):
     battery_fraction: float
     battery_V: float
     """0: not known."""
+    knows_time: bool = True
+    """Whether it dates poses by our clock, where it is told."""
 
 
 class Checks(NamedTuple):

@@ -54,6 +54,7 @@ class MavsdkVehicle(Vehicle):
         self._system, self._events = system, cast(Events | None, None)
         self._system_id: int = system.get_system_id()
         self._direct, self._parameters = MavlinkDirect(system), Param(system)
+        self._tell_time, self._told = tell_time, 0
         self._wanted = (*self._telemetry.messages, *([_TIMESYNC] if tell_time else []))
         for name in self._wanted:
             self._direct.subscribe_message(name, self._on_message)
@@ -93,7 +94,8 @@ class MavsdkVehicle(Vehicle):
 
     @property
     def sample(self) -> VehicleSample:
-        return self._telemetry.sample(self._now_ns())
+        knows_time = not self._tell_time or self._told >= telecommand.TOLD_ENOUGH
+        return self._telemetry.sample(self._now_ns())._replace(knows_time=knows_time)
 
     async def wait_imu(self) -> None:
         await self._imu_arrived.wait()
@@ -254,7 +256,7 @@ class MavsdkVehicle(Vehicle):
             name, text, arrival_ns = self._inbox.popleft()
             fields = from_json(text, cache_strings="keys")
             if name == _TIMESYNC:
-                self._tell_time(fields, arrival_ns)
+                self._answer_time(fields, arrival_ns)
             self._telemetry.take(name, fields, arrival_ns)
         if self._telemetry.has_imu:
             self._imu_arrived.set()
@@ -263,8 +265,9 @@ class MavsdkVehicle(Vehicle):
         if self._telemetry.heartbeats > heartbeats > 0 and not was_connected:
             self._renewal = asyncio.create_task(self._renew_rates())
 
-    def _tell_time(self, asked: Fields, arrival_ns: int) -> None:
+    def _answer_time(self, asked: Fields, arrival_ns: int) -> None:
         if not asked["tc1"]:
+            self._told += 1
             self._send(_TIMESYNC, telecommand.our_time(asked, arrival_ns))
 
 

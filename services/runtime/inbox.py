@@ -1,7 +1,7 @@
 """The border where bytes become messages: one inbox for each topic that a node reads, each payload decoded once."""
 
 from collections.abc import Callable
-from typing import Generic, TypeVar
+from typing import Generic, NamedTuple, TypeVar
 
 from schemas.message import Message
 from schemas.topics import Topic
@@ -13,6 +13,16 @@ M = TypeVar("M", bound=Message)
 
 QUIET_ns = 1_000_000_000
 """After this silence a smaller seq is a new publisher even if its stamps are older (its host was restarted)."""
+VOICES = 16
+"""So many consoles are told apart; then the one that was silent longest is forgotten."""
+
+
+class _Heard(NamedTuple):
+    """The last of one voice."""
+
+    seq: int
+    stamp_ns: int
+    received_ns: int
 
 
 class Inbox(Generic[M]):
@@ -36,6 +46,7 @@ class Inbox(Generic[M]):
         self.restarts = 0
         self.taps: list[Callable[[M], None]] = []
         self.reject = reject
+        self._voices: dict[str, _Heard] = {}
         self._bus = bus
         self._mailbox: Mailbox | None = None
         self._looked = -1
@@ -72,6 +83,7 @@ class Inbox(Generic[M]):
         except ValueError as why:
             self.reject(self.topic.key, " ".join(str(why).split()))
             return
+        self._remember(message, now_ns)
         self.message = message
         self.received_ns = now_ns
         self.received += 1
@@ -86,15 +98,21 @@ class Inbox(Generic[M]):
         return self.topic.type.model_validate_json(payload, strict=True)
 
     def _check_order(self, message: M, now_ns: int) -> None:
-        last = self.message
+        last = self._voices.get(message.voice)
         if message.seq < 1:
             raise ValueError("seq is 0: not sent by a publisher")
         if last is None or message.seq > last.seq:
             return
         # One publisher's stamps never fall while its seq rises: a later stamp tells a restart from an old sample.
-        if message.stamp_ns <= last.stamp_ns and now_ns - self.received_ns < QUIET_ns:
+        if message.stamp_ns <= last.stamp_ns and now_ns - last.received_ns < QUIET_ns:
             raise ValueError(f"seq {message.seq} after {last.seq}: repeated or out of order")
         self.restarts += 1
+
+    def _remember(self, message: M, now_ns: int) -> None:
+        self._voices.pop(message.voice, None)
+        if len(self._voices) == VOICES:
+            del self._voices[next(iter(self._voices))]
+        self._voices[message.voice] = _Heard(message.seq, message.stamp_ns, now_ns)
 
     def _check_lifetime(self, message: M, now_ns: int) -> None:
         """A command is obeyed while it is young; one from the future was not said by this publisher's clock."""

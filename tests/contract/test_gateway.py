@@ -97,3 +97,8 @@ def test_what_zenoh_says_of_a_refused_session_is_counted():
         'TransportError(Error { code: Code::crypto(2d), frame: None, reason: "invalid peer certificate: Expired" }) Hint: x'
     )
     assert str(refusals) == "3 sessions refused (invalid peer certificate: Expired)"
+    refusals.note(
+        "2026-11-24T19:35:58Z  WARN rx-5 ThreadId(07) zenoh_link_commons::quic::unicast: QUIC acceptor failed: "
+        'ConnectionClosed(ConnectionClose { error_code: APPLICATION_ERROR, frame_type: None, reason: b"" }) Hint: x'
+    )
+    assert refusals.count == 3, "who gave up was not refused"

@@ -3,7 +3,8 @@
 voice PROFILE NAME KEY RATE_Hz SECONDS [BYTES]   says a topic's message at a rate, as the service NAME, and prints what
                                                 it sent; BYTES pads each, for bulk
 ear   PROFILE NAME SECONDS KEY...               hears topics as NAME and prints, for each message, its arrival and age,
-                                                then what was refused; `+` before a key prints the message too
+                                                then what was refused; `+` before a key prints the message too. 0 seconds: until
+                                its standard input ends
 first PROFILE NAME SECONDS KEY                  waits for one valid message and prints it
 who   PROFILE NAME                              prints which names hold a token
 fly   PROFILE NAME SECONDS PHASE                starts the experiment as NAME and prints the phase when it is reached
@@ -100,7 +101,7 @@ async def ear(node: Node, topics: list[Topic[Any]], seconds: float, whole: set[s
 
     tasks = [asyncio.create_task(hear(topic)) for topic in topics]
     print("listening", flush=True)
-    await asyncio.sleep(seconds)
+    await (asyncio.sleep(seconds) if seconds else asyncio.to_thread(sys.stdin.read))
     for task in tasks:
         task.cancel()
     await asyncio.gather(*tasks, return_exceptions=True)

@@ -8,6 +8,7 @@ import json
 import os
 import re
 import socket
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -59,13 +60,15 @@ def stranger(hosts: TwoHosts, settings: dict[str, Any], *, host: str = "drone", 
 class Ear:
     """The bridge's place on the drone, while a stranger tries."""
 
-    def __init__(self, hosts: TwoHosts, seconds: float, *keys: str, host: str = "drone", name: str = "px4_bridge"):
-        self._process = hosts.end(host, "ear", str(hosts.folder / f"{host}.toml"), name, str(seconds), *keys)
+    def __init__(self, hosts: TwoHosts, *keys: str, host: str = "drone", name: str = "px4_bridge"):
+        profile = str(hosts.folder / f"{host}.toml")
+        self._process = hosts.end(host, "ear", profile, name, "0", *keys, stdin=subprocess.PIPE)
         self._hosts = hosts
         read_until(self._process, "listening")
 
     def heard(self) -> tuple[list[dict[str, Any]], dict[str, int]]:
-        """What arrived and was taken; what was refused."""
+        """What arrived and was taken until now; what was refused."""
+        time.sleep(0.5)  # what is under way still counts
         out, _ = self._process.communicate(timeout=60.0)
         self._hosts.processes.remove(self._process)
         *taken, last = lines(out)
@@ -87,9 +90,9 @@ def told(hosts: TwoHosts) -> str:
     return next(line for line in out.splitlines() if "ground_gateway" in line)
 
 
-def refusals(hosts: TwoHosts) -> int:
+def count(status: str) -> int:
     """How many sessions the operator is told were refused."""
-    found = re.search(r"(\d+) sessions refused", told(hosts))
+    found = re.search(r"(\d+) sessions refused", status)
     return int(found[1]) if found else 0
 
 
@@ -110,34 +113,48 @@ def expired(hosts: TwoHosts, tmp_path: Path) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("who", ["no certificate", "foreign authority", "expired", "expired, tls", "udp", "plain tcp"])
-def test_who_has_no_valid_certificate_does_not_get_a_session(hosts: TwoHosts, tmp_path, who):
+def uninvited(hosts: TwoHosts, tmp_path: Path) -> dict[str, dict[str, Any]]:
+    """Sessions without a valid certificate, and one that does not even speak the language."""
     folder = hosts.folder / "certs"
-    settings = {
-        "no certificate": lambda: tls(folder, ""),
-        "foreign authority": lambda: tls(foreign(tmp_path), "drone", folder / "ca.pem"),
-        "expired": lambda: tls(expired(hosts, tmp_path), "drone"),
-        "expired, tls": lambda: tls(expired(hosts, tmp_path), "drone", link=TLS),
-        "udp": lambda: {"connect/endpoints": [f"udp/{GROUND_IP}:7447"]},
-        "plain tcp": lambda: {"connect/endpoints": [f"tcp/{GROUND_IP}:7450"]},
-    }[who]()
-    before = refusals(hosts)
-    ear = Ear(hosts, 7.0, GUIDANCE.key)
-    seen = stranger(hosts, settings, subscribe=ALL, put=[[PREFIX + GUIDANCE.key, COMMAND]])
-    assert not seen["open"] or seen["routers"] == 0
-    assert not seen.get("heard")
+    late = expired(hosts, tmp_path)
+    return {
+        "no certificate": tls(folder, ""),
+        "no certificate, tls": tls(folder, "", link=TLS),
+        "foreign authority": tls(foreign(tmp_path), "drone", folder / "ca.pem"),
+        "expired": tls(late, "drone"),
+        "expired, tls": tls(late, "drone", link=TLS),
+        "plain tcp": {"connect/endpoints": [f"tcp/{GROUND_IP}:7450"]},
+        "udp": {"connect/endpoints": [f"udp/{GROUND_IP}:7447"]},
+    }
+
+
+def test_who_has_no_valid_certificate_does_not_get_a_session(hosts: TwoHosts, tmp_path):
+    ear, gate = Ear(hosts, GUIDANCE.key), Ear(hosts, "+health/ground_gateway", host="ground", name="watcher")
+    tried: dict[str, tuple[float, float]] = {}
+    time.sleep(1.5)  # a heartbeat from before them
+    for who, settings in uninvited(hosts, tmp_path).items():
+        began_s = time.monotonic()
+        seen = stranger(hosts, settings, subscribe=ALL, put=[[PREFIX + GUIDANCE.key, COMMAND]])
+        assert not seen["open"] or seen["routers"] == 0, who
+        assert not seen.get("heard"), who
+        time.sleep(1.0)  # two heartbeats
+        tried[who] = began_s, time.monotonic()
     speak(hosts)
     taken, refused = ear.heard()
     assert len(taken) > 50
     assert refused == {}
-    assert "drone:drone" in told(hosts)
-    assert (refusals(hosts) > before) is (who != "udp"), "what is no QUIC is dropped without a word"
-    assert not who.startswith("expired") or "expired" in told(hosts)
+    said = [(beat["t_s"], beat["said"]["status"]) for beat in gate.heard()[0]]
+    assert "drone:drone" in said[-1][1]
+    for who, (began_s, ended_s) in tried.items():
+        before, after = (max((t, text) for t, text in said if t < limit_s)[1] for limit_s in (began_s, ended_s))
+        is_told = count(after) > count(before)
+        assert is_told is (who != "udp"), f"{who}: {after}: what is no QUIC is dropped without a word"
+        assert "expired" not in who or "expired" in after, after
 
 
 @pytest.mark.parametrize("name", ["screen", "console"])
 def test_a_role_may_do_what_the_table_says_and_no_more(hosts: TwoHosts, name):
-    ear = Ear(hosts, 9.0, GUIDANCE.key, "safety/state")
+    ear = Ear(hosts, GUIDANCE.key, "safety/state")
     puts = [[PREFIX + key, COMMAND] for key in (GUIDANCE.key, "safety/state", "**", "guidance/*", "setpoint/sent")]
     seen = stranger(
         hosts,
@@ -162,7 +179,7 @@ def test_a_role_may_do_what_the_table_says_and_no_more(hosts: TwoHosts, name):
 def test_the_operator_commands_and_the_viewer_does_not(hosts: TwoHosts):
     request = json.dumps({"seq": 1, "stamp_ns": 1, "action": "start", "operator": "eve", "request_id": 1})
     for name, arrives in (("screen", False), ("console", True)):
-        ear = Ear(hosts, 7.0, "@cmd/request", name="safety_supervisor")
+        ear = Ear(hosts, "@cmd/request", name="safety_supervisor")
         assert stranger(hosts, tls(hosts.folder / "certs", name), put=[[f"{PREFIX}@cmd/request", request]])["open"]
         taken, refused = ear.heard()
         assert taken == [], "its stamp is from long ago"
@@ -175,7 +192,7 @@ def test_a_name_that_is_not_in_the_profile_is_shut_out_and_named(hosts: TwoHosts
     others = [key for key in ALL if key != PREFIX + GUIDANCE.key]  # its own word it hears at home
     orders = {"settings": settings, "seconds": 12.0, "subscribe": others, "put": [[PREFIX + GUIDANCE.key, COMMAND]]}
     file.write_text(json.dumps(orders))
-    ear = Ear(hosts, 18.0, GUIDANCE.key)
+    ear = Ear(hosts, GUIDANCE.key)
     process = hosts.start("drone", sys.executable, "-m", "tests.net.stranger", str(file))
     assert any("SHUT OUT, not in radio.names: viewer:old" in told(hosts) for _ in range(5))
     out, _ = process.communicate(timeout=30.0)
@@ -204,7 +221,7 @@ def test_a_spoofed_token_is_not_seen(hosts: TwoHosts):
 
 
 def test_monsters_and_thousands_of_keys_do_not_disturb_the_flow(hosts: TwoHosts):
-    ear = Ear(hosts, 24.0, GUIDANCE.key)
+    ear = Ear(hosts, GUIDANCE.key)
     profile = str(hosts.folder / "ground.toml")
     voice = hosts.end("ground", "voice", profile, "guiding_controller", GUIDANCE.key, "100", "20")
     read_until(voice, "speaking")
@@ -212,6 +229,7 @@ def test_monsters_and_thousands_of_keys_do_not_disturb_the_flow(hosts: TwoHosts)
     settings = tls(hosts.folder / "certs", "console")
     stranger(hosts, settings, put=[[f"{PREFIX}@cmd/request", 50_000_000]], seconds=1.0)
     stranger(hosts, settings, base=f"{PREFIX}handle", many=20_000, seconds=1.0)
+    voice.communicate(timeout=60.0)
     taken, refused = ear.heard()
     seqs = [entry["seq"] for entry in taken]
     gaps = [b["t_s"] - a["t_s"] for a, b in itertools.pairwise(taken)]
@@ -224,7 +242,7 @@ def test_monsters_and_thousands_of_keys_do_not_disturb_the_flow(hosts: TwoHosts)
 
 def test_a_replay_on_the_ground_itself_is_refused_and_counted(hosts: TwoHosts):
     """Whoever is the same user on the ground station may put anything: then age, order and future are what protects."""
-    ear = Ear(hosts, 5.0, f"+{GUIDANCE.key}")
+    ear = Ear(hosts, f"+{GUIDANCE.key}")
     speak(hosts, 1.5)
     taken, refused = ear.heard()
     assert refused == {}
@@ -233,7 +251,7 @@ def test_a_replay_on_the_ground_itself_is_refused_and_counted(hosts: TwoHosts):
     local = {"mode": "peer", "connect/endpoints": [f"unixsock-stream/{path}"]}
     now_ns = time.monotonic_ns()
     future = {**said[-1], "seq": 10**6, "stamp_ns": now_ns + 10**12}
-    ear = Ear(hosts, 8.0, GUIDANCE.key)
+    ear = Ear(hosts, GUIDANCE.key)
     puts = [[PREFIX + GUIDANCE.key, json.dumps(each)] for each in (*said, future)]
     assert stranger(hosts, local, host="ground", put=puts, seconds=2.0)["open"]
     speak(hosts)

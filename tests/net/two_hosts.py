@@ -140,9 +140,9 @@ class TwoHosts:
         """That host's gateway, by its profile in the folder."""
         return self.clew(host, "run", "gateway", "--profile", str(self.folder / f"{host}.toml"))
 
-    def end(self, host: str, *arguments: str) -> subprocess.Popen[str]:
+    def end(self, host: str, *arguments: str, **how: Any) -> subprocess.Popen[str]:
         """One end of a conversation, see ends.py."""
-        return self.start(host, sys.executable, "-P", "-m", "tests.net.ends", *arguments)
+        return self.start(host, sys.executable, "-P", "-m", "tests.net.ends", *arguments, **how)
 
     def run_dir(self, host: str) -> Path:
         """Where that host's sockets are."""
