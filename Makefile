@@ -10,7 +10,7 @@ demo: .venv/.ready
 test: .venv/.ready
 	$(BIN)/python -m pytest --numprocesses=auto --no-loadscope-reorder
 
-# Real processes killed, stopped, starved, in real time: about 6 minutes on a machine that does nothing else.
+# The whole campaign of faults on virtual time, then real processes killed, stopped, starved: about 10 minutes on a quiet machine.
 test-faults: .venv/.ready
 	$(BIN)/python -m pytest -m faults tests
 

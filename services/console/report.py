@@ -54,6 +54,8 @@ def _further(summary: Summary) -> Iterator[Row]:
 def _verdict(summary: Summary) -> Iterator[Text]:
     seen = "the simulator's truth" if summary.from_truth else "the sensors"
     yield Text(f"{summary.messages} messages; positions and forces from {seen}", style="dim")
+    for alarm in summary.alarms:
+        yield Text(f"• {alarm}", style="yellow")
     yield Text("as it should be", style="bold green") if summary.ok else Text("not as it should be:", style="bold red")
     for reason in summary.reasons:
         yield Text(f"• {reason}", style="red")

@@ -11,8 +11,10 @@ import os
 import pickle
 import sys
 import tempfile
+import time
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -25,6 +27,7 @@ from services.rehearsal.chain import Flight, Stage, fly
 from services.rehearsal.quick import quick_config
 
 IDLE_S, FLIGHT_LIMIT_S, NEVER = 1.0, 100.0, float("inf")
+LOOK_S = 0.01
 Look = Callable[[Fault, Flight, float], None]
 """Called in the copy when it has been watched: for a picture."""
 
@@ -51,9 +54,10 @@ class Copies:
         return pid == 0
 
     def wait(self) -> None:
-        """Until one has ended."""
-        pid, _ = os.waitpid(-1, 0)
-        self.under_way.discard(pid)
+        """Until one has ended; of this process's other children none is asked."""
+        while not (ended := {pid for pid in self.under_way if os.waitpid(pid, os.WNOHANG)[0]}):
+            time.sleep(LOOK_S)
+        self.under_way -= ended
 
     def end(self, fault: Fault, work: Callable[[], tuple[Flight, float] | None]) -> None:
         """In the copy: do it, leave the result, and cease to exist."""
@@ -73,10 +77,19 @@ class Copies:
             self.look(fault, flight, begin_s)
 
 
+@contextmanager
+def unremarked() -> Generator[None]:
+    """Without the services' remarks on what is done to them."""
+    logging.disable(logging.WARNING)
+    try:
+        yield
+    finally:
+        logging.disable(logging.NOTSET)
+
+
 def campaign(faults: Sequence[Fault], jobs: int = 2, look: Look | None = None) -> list[Result]:
     """The results of `faults`, in their order; what could not be flown is a broken promise."""
-    logging.disable(logging.WARNING)  # the services' remarks on what is done to them
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder, unremarked():
         copies = Copies(jobs, Path(folder), look)
         if together := [fault for fault in faults if not fault.alone]:
             fly(quick_config(), lambda stage: _branch(stage, together, copies))

@@ -1,7 +1,6 @@
 """Flights in which nothing breaks: other people, seeds and delays, and no alarm above a warning from the start on."""
 
 import asyncio
-import logging
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
@@ -12,6 +11,7 @@ import numpy as np
 from schemas.safety import Action, Level, Phase
 from schemas.topics import GUIDANCE, HANDLE_STATE, SAFETY_STATE
 from services.config import Config
+from services.faults.campaign import unremarked
 from services.rehearsal.chain import Stage, fly
 from services.rehearsal.quick import quick_config
 
@@ -41,7 +41,6 @@ def flights(count: int, jobs: int, first_seed: int = 1) -> Iterator[Nominal]:
 
 def flight(seed: int) -> Nominal:
     """One flight of somebody else over another network, all of it by the seed."""
-    logging.disable(logging.WARNING)
     draw = np.random.default_rng(seed)
     config, who = _somebody(draw, seed)
     delays_s = dict(
@@ -54,7 +53,9 @@ def flight(seed: int) -> Nominal:
         stage.ask(Action.START)
         await stage.until(lambda state: state.phase in (Phase.LANDED, Phase.HOLD), LIMIT_S)
 
-    states = [m for m in fly(config, script).said[SAFETY_STATE.key] if m.phase is not Phase.IDLE]
+    with unremarked():
+        flown = fly(config, script)
+    states = [m for m in flown.said[SAFETY_STATE.key] if m.phase is not Phase.IDLE]
     said = [m.reasons[0] for m in states if m.level > Level.WARN and m.reasons]
     return Nominal(seed, who, states[-1].phase.value, max(m.level for m in states), tuple(dict.fromkeys(said)))
 

@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from schemas.safety import Level, Phase
 from schemas.topics import CABLE_FORCE, ENERGY, GUIDANCE, HEALTH, NOTE, SAFETY_STATE, SETPOINT, TOPICS, TRUTH
 from services.guiding_controller.path import Path, project
 from services.physics import Array, norm
 from services.recorder import metrics
+from services.recorder.alarms import alarms
 from services.recorder.latency import reactions
 from services.recorder.numbers import BY_KEY, NUMBERS, value
 from services.recorder.reading import Session
@@ -146,21 +146,14 @@ def _health(beats: Table, zero_s: float) -> Data:
 
 def _alarms(states: Table, zero_s: float) -> Iterator[Data]:
     """Each stay in a set of reasons at a level above OK."""
-    t_s, levels, reasons = states["t_s"], states["level"], states["reasons"]
-    begin = 0
-    for i in range(1, len(t_s) + 1):
-        if i < len(t_s) and levels[i] == levels[begin] and reasons[i] == reasons[begin]:
-            continue
-        if levels[begin] > Level.OK:
-            end_s = t_s[i] if i < len(t_s) else t_s[-1]
-            yield {
-                "from": _short(t_s[begin] - zero_s),
-                "to": _short(end_s - zero_s),
-                "level": Level(int(levels[begin])).name.lower(),
-                "phase": str(Phase(states["phase"][begin])),
-                "text": "; ".join(reasons[begin]) or "asked for by the operator",
-            }
-        begin = i
+    for alarm in alarms(states):
+        yield {
+            "from": _short(alarm.begin_s - zero_s),
+            "to": _short(alarm.end_s - zero_s),
+            "level": alarm.level.name.lower(),
+            "phase": str(alarm.phase),
+            "text": alarm.text,
+        }
 
 
 def _notes(notes: Table, zero_s: float) -> Iterator[Data]:

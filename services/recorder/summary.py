@@ -11,6 +11,7 @@ from schemas.vehicle import SetpointKind
 from services.guiding_controller.path import Path
 from services.physics import Array, norm
 from services.recorder import metrics
+from services.recorder.alarms import alarms
 from services.recorder.latency import reactions
 from services.recorder.reading import Interval, Session
 from services.recorder.walk import Motion, at, config_of, guided, motion, path_of, valid, within
@@ -93,6 +94,8 @@ class Summary(_Record):
     messages: int
     messages_lost: int
     host_stalls: int
+    alarms: list[str] = []
+    """What limited the system in flight, in order: the time since the start, the level, and what the operator was told."""
     durations_s: dict[str, float]
     latency: dict[str, Spread]
     services: dict[str, Service]
@@ -150,6 +153,7 @@ def summarise(session: Session, limits: Limits = GOOD) -> Summary:
         messages=session.verdict.received,
         messages_lost=lost,
         host_stalls=int(max(session.table(SAFETY_STATE)["stalls"], default=0)),
+        alarms=list(_alarms(session)),
         durations_s=_durations(session),
         latency=_latency(session),
         services=_services(session),
@@ -160,6 +164,13 @@ def summarise(session: Session, limits: Limits = GOOD) -> Summary:
 
 def _check(name: str, value: float | None, limit: float, unit: str) -> Check:
     return Check(name=name, value=value, limit=limit, unit=unit, ok=value is not None and value <= limit)
+
+
+def _alarms(session: Session) -> Iterator[str]:
+    """On the ground, before the start and after the landing, nothing is limited that matters."""
+    for alarm in alarms(session.table(SAFETY_STATE)):
+        if alarm.phase not in (Phase.IDLE, Phase.LANDED):
+            yield f"{alarm.begin_s:.1f} s, {alarm.level.name.lower()}: {alarm.text}"
 
 
 def _bad_ends(session: Session) -> Iterator[str]:

@@ -32,6 +32,8 @@ class Limits:
     head_ease_m: Positive
     hand_clearance_m: Positive
     """Vehicle's centre to hand."""
+    force_aside_N: Positive
+    """Across the cable; what the estimate errs by when the vehicle is pulled about is less."""
     bias_warn_N: Positive
     bias_hold_N: Positive
     energy_created_warn_J: Positive
@@ -63,6 +65,8 @@ class Facts(NamedTuple):
     force_age_s: float
     guidance_age_s: float
     setpoint_age_s: float
+    force_aside_N: float
+    """Part of f̂_c across a taut cable; 0 where that is not seen."""
     offboard: bool
     autopilot_lands: bool
     hand_force_N: float
@@ -109,6 +113,7 @@ RULES: tuple[Rule, ...] = (
     Rule("robot_elsewhere",   lambda f, p: f.robot_apart_m > p.robot_apart_m,       ALOFT,   0.1, Level.EASE,  "motion capture sees the vehicle elsewhere", "check the markers of vehicle and handle"),
     Rule("robot_gone",        lambda f, p: f.robot_apart_m > p.robot_apart_m,       ALOFT,   2.0, Level.DESCEND, "motion capture has long seen the vehicle elsewhere", "let go, step back: it lands"),
     Rule("force_silent",      lambda f, p: f.force_age_s > p.age_ease_s,            PREPARED, 0.0, Level.EASE,  "the force estimate is stale",              "check force_estimator and the IMU stream"),
+    Rule("force_aside",       lambda f, p: f.force_aside_N > p.force_aside_N,       ENGAGED, 0.1, Level.HOLD,  "the force does not point along the cable", "check force_estimator and the frames"),
     Rule("guidance_silent",   lambda f, p: f.guidance_age_s > p.age_ease_s,         PULLING, 0.0, Level.EASE,  "guidance is stale",                        "check guiding_controller and the radio"),
     Rule("setpoints_silent",  lambda f, p: f.setpoint_age_s > p.age_ease_s,         ENGAGED, 0.0, Level.EASE,  "no set-points leave the bridge",           "check px4_bridge"),
     Rule("not_offboard",      lambda f, p: not f.offboard,                          ENGAGED, 0.3, Level.HOLD,  "the autopilot left offboard mode",         "read the autopilot's messages"),

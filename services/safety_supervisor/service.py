@@ -32,6 +32,8 @@ from services.safety_supervisor.plan import hall, plan
 from services.safety_supervisor.requests import Requests
 from services.safety_supervisor.rules import Facts, Rule
 
+STRETCH_M = 0.1  # no cable: a hand that is seen further away is seen where it is not
+
 
 class Senses:
     """The supervisor's ears: one reader per topic it judges by."""
@@ -159,6 +161,7 @@ def _facts(senses: Senses, person: Person, stall_s: float, config: Config) -> Fa
         force_age_s=senses.age_s(senses.force),
         guidance_age_s=senses.age_s(senses.guidance),
         setpoint_age_s=senses.age_s(senses.setpoint),
+        force_aside_N=_aside_N(senses, config),
         offboard=robot is not None and robot.mode is FlightMode.OFFBOARD,
         autopilot_lands=robot is not None and robot.armed and robot.mode in (FlightMode.LAND, FlightMode.DESCEND),
         hand_force_N=pull,
@@ -180,6 +183,18 @@ def _apart_m(senses: Senses) -> float:
     """How far motion capture and the autopilot disagree about where the vehicle is."""
     pose, robot = senses.robot_pose.value, senses.vehicle.value
     return float(norm(pose.position_m.array() - robot.position_m.array())) if pose and robot else 0.0
+
+
+def _aside_N(senses: Senses, config: Config) -> float:
+    """How much of the estimated force is not along a cable that is seen taut."""
+    hand, pose, force = senses.handle.value, senses.robot_pose.value, senses.force.value
+    if hand is None or hand.source is not HandleSource.MOCAP or pose is None or force is None:
+        return 0.0
+    l_c, f_c = pose.position_m.array() - hand.position_m.array(), force.force_N.array()
+    length = float(norm(l_c))
+    if not 0.0 <= length - config.cable.rest_length_m <= STRETCH_M:
+        return 0.0
+    return float(norm(f_c - (f_c @ l_c) / length**2 * l_c))
 
 
 def _clock_uncertainty_s(senses: Senses) -> float:

@@ -17,6 +17,7 @@ P = Limits(
     head_warn_m=0.5,
     head_ease_m=0.4,
     hand_clearance_m=0.6,
+    force_aside_N=1.0,
     bias_warn_N=0.3,
     bias_hold_N=0.6,
     energy_created_warn_J=1e-6,
@@ -38,6 +39,7 @@ FINE = Facts(
     force_age_s=0.0,
     guidance_age_s=0.0,
     setpoint_age_s=0.0,
+    force_aside_N=0.0,
     robot_apart_m=0.0,
     offboard=True,
     autopilot_lands=False,
@@ -53,7 +55,7 @@ FINE = Facts(
     stall_s=0.0,
 )
 WORST = Facts(
-    9.0, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0, False, True, 9.0, 0.0, 0.0, 1.0, 1.0, 9.0, 9.0, 0.0, 0.0, 9.0, 9.0, 9.0
+    9.0, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0, False, True, 9.0, 0.0, 0.0, 1.0, 1.0, 9.0, 9.0, 0.0, 0.0, 9.0, 9.0, 9.0
 )
 DT = 0.05
 NAMES = {rule.name: rule for rule in RULES}
@@ -71,6 +73,7 @@ CASES: dict[str, tuple[str, object, object, set[str]]] = {
     "robot_hidden": ("robot_pose_age_s", 0.99, 1.01, set()),
     "robot_lost": ("robot_pose_age_s", 2.49, 2.51, {"robot_hidden"}),
     "force_silent": ("force_age_s", 0.19, 0.21, set()),
+    "force_aside": ("force_aside_N", 0.99, 1.01, set()),
     "guidance_silent": ("guidance_age_s", 0.19, 0.21, set()),
     "setpoints_silent": ("setpoint_age_s", 0.19, 0.21, set()),
     "not_offboard": ("offboard", True, False, set()),
@@ -226,6 +229,7 @@ FACTS = st.builds(
     force_age_s=AGE,
     guidance_age_s=AGE,
     setpoint_age_s=AGE,
+    force_aside_N=st.floats(0.0, 3.0),
     robot_apart_m=LENGTH,
     offboard=st.booleans(),
     autopilot_lands=st.booleans(),

@@ -17,6 +17,7 @@ from schemas.tracking import HandleSource, HandleState, MocapFrame, RigidBody
 from schemas.vehicle import Setpoint, SetpointKind
 from services.config import load
 from services.console.report import show
+from services.recorder.alarms import alarms
 from services.recorder.figures import FIGURES, draw_all
 from services.recorder.latency import reactions
 from services.recorder.reading import read
@@ -41,6 +42,17 @@ def bad(folder):
     """Drifts 8 cm, goes slack for 0.5 s of 5, loses messages and does not land; no truth, seen by the sensors alone."""
     scenario = Scenario(drift_m=0.08, slack_s=(2.0, 2.5), dropped={GUIDANCE.key: {7, 8, 30}}, lands=False, truth=False)
     return read(synthetic.write(folder / "bad.mcap", scenario))
+
+
+def test_what_limited_a_flight_is_told_in_the_words_of_then():
+    states = {
+        "t_s": np.array([0.0, 1.0, 2.0, 3.0, 4.0]),
+        "level": np.array([0, 2, 2, 3, 0]),
+        "phase": np.array(["guiding", "guiding", "guiding", "hold", "guiding"]),
+        "reasons": np.array([[], ["a"], ["a"], ["b", "a"], []], dtype=object),
+    }
+    said = [(alarm.begin_s, alarm.end_s, alarm.level.name, alarm.text) for alarm in alarms(states)]
+    assert said == [(1.0, 3.0, "EASE", "a"), (3.0, 4.0, "HOLD", "b; a")]
 
 
 def test_the_numbers_of_a_good_session_are_those_it_was_made_with(good):

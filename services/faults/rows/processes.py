@@ -19,53 +19,71 @@ def processes() -> Iterator[Fault]:
         yield _death(("px4_bridge",), moment, Reaction.AUTOPILOT_LANDS, 1.0, watch_s=12.0)
     yield _death(("safety_supervisor", "px4_bridge"), GUIDING, Reaction.AUTOPILOT_LANDS, 1.0, watch_s=12.0)
     for name, seconds in itertools.product(RUNNING, (0.3, 1.0, 5.0)):
-        reaction, within_s = STOPPED[name]
-        if seconds < 0.5 and name in ("px4_bridge", "tracker"):
-            reaction, within_s = Reaction.ANY, 0.0
-        text = f"{name} stands still for {seconds:g} s (SIGSTOP)"
-        about = f"stop_{name}_{seconds:g}s".replace(".", "_")
-        yield Fault(
-            about,
-            Group.PROCESS,
-            text,
-            reaction,
-            within_s,
-            _stopped(name, seconds),
-            watch_s=seconds + 4.0,
-            family=f"{name} stands still",
-        )
-    for name in RUNNING:
-        reaction, within_s = STOPPED[name]
-        text = f"{name} is killed and started again after 1 s"
-        yield Fault(
-            f"restart_{name}",
-            Group.PROCESS,
-            text,
-            reaction,
-            within_s,
-            _restarted(name, 1.0),
-            watch_s=7.0,
-            family=f"{name} restarted",
-        )
+        yield _pause(name, seconds, GUIDING)
+    for name, moment in itertools.product(RUNNING, MOMENTS):
+        if moment is not GUIDING:
+            yield _pause(name, 1.0, moment)
+        yield _again(name, moment)
 
 
 RUNNING = ("tracker", "force_estimator", "guiding_controller", "safety_supervisor", "px4_bridge")
-STOPPED = {
-    "tracker": (Reaction.EASE, 0.3),
-    "force_estimator": (Reaction.EASE, 0.2),
-    "guiding_controller": (Reaction.EASE, 0.2),
-    "safety_supervisor": (Reaction.EASE, 0.3),
-    "px4_bridge": (Reaction.AUTOPILOT_LANDS, 1.0),
-}
+ENGAGED = (Phase.READY, Phase.GUIDING, Phase.ARRIVED)
+
+
+def _pause(name: str, seconds: float, moment: Moment) -> Fault:
+    reaction, within_s = _after_gap(name, moment.phase)
+    if seconds < 0.5 and name in ("px4_bridge", "tracker"):
+        reaction, within_s = Reaction.ANY, 0.0
+    return Fault(
+        f"stop_{name}_{seconds:g}s_in_{moment.phase}".replace(".", "_"),
+        Group.PROCESS,
+        f"{name} stands still for {seconds:g} s in {moment.phase} (SIGSTOP)",
+        reaction,
+        within_s,
+        _stopped(name, seconds),
+        moment,
+        watch_s=seconds + 4.0,
+        exempt=_sinks(name, moment),
+        family=f"{name} stands still",
+    )
+
+
+def _again(name: str, moment: Moment) -> Fault:
+    return Fault(
+        f"restart_{name}_in_{moment.phase}",
+        Group.PROCESS,
+        f"{name} is killed in {moment.phase} and started again after 1 s",
+        *_after_gap(name, moment.phase),
+        _restarted(name, 1.0),
+        moment,
+        watch_s=6.0,
+        exempt=_sinks(name, moment),
+        family=f"{name} restarted",
+    )
+
+
+def _sinks(name: str, moment: Moment) -> dict[str, str]:
+    """The autopilot lands after a second without the bridge, on whoever is under it."""
+    return SINKS if name == "px4_bridge" and moment.phase in ENGAGED else {}
+
+
+def _after_gap(name: str, phase: Phase) -> tuple[Reaction, float]:
+    """What a second without a service must lead to in a phase."""
+    if name == "px4_bridge":
+        return Reaction.AUTOPILOT_LANDS, 1.0
+    if name == "safety_supervisor":
+        return (Reaction.ANY, 0.0) if phase is Phase.LANDING else (Reaction.EASE, 0.3)
+    if name == "tracker" and phase not in ENGAGED:
+        return Reaction.ANY, 0.0  # the autopilot bridges a second
+    return _after_death(name, phase)
 
 
 def _after_death(name: str, phase: Phase) -> tuple[Reaction, float]:
     """What the death of a service must lead to in a phase."""
     if name == "tracker":  # the autopilot has no position any more
-        engaged = phase in (Phase.READY, Phase.GUIDING, Phase.ARRIVED)
-        return (Reaction.EASE, 0.3) if engaged else (Reaction.LAND, 3.0)
+        return (Reaction.EASE, 0.3) if phase in ENGAGED else (Reaction.LAND, 3.0)
     if name == "force_estimator":
-        return (Reaction.EASE, 0.2) if phase in (Phase.READY, Phase.GUIDING, Phase.ARRIVED) else (Reaction.ANY, 0.0)
+        return (Reaction.EASE, 0.2) if phase in ENGAGED else (Reaction.ANY, 0.0)
     return (Reaction.EASE, 0.2) if phase in (Phase.GUIDING, Phase.ARRIVED) else (Reaction.ANY, 0.0)
 
 
@@ -75,7 +93,7 @@ def _death(names: tuple[str, ...], moment: Moment, reaction: Reaction, within_s:
             stage.kill(name)
 
     told = " and ".join(names)
-    under = watch_s > 5.0 and moment.phase in (Phase.READY, Phase.GUIDING, Phase.ARRIVED)
+    under = watch_s > 5.0 and moment.phase in ENGAGED
     name = f"kill_{'_and_'.join(names)}_in_{moment.phase}"
     return Fault(
         name,
