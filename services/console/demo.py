@@ -12,11 +12,11 @@ from rich.live import Live
 
 from schemas.safety import Action, Phase, SafetyState
 from schemas.topics import SAFETY_STATE
-from services.config import Config, ConfigError
+from services.config import Config
 from services.console import keys, report
 from services.console.operator import Operator, operator_node
 from services.console.panel import Watch, line, render
-from services.console.start import Choice, bus_config, launch_all
+from services.console.start import Choice, bus_config, chosen, launch_all
 from services.recorder import figures, page, reading, summary
 from services.runtime.clock import MonotonicClock
 from services.runtime.launcher import ServiceDied
@@ -35,11 +35,9 @@ class DemoFailed(RuntimeError):
 def demo(choice: Choice, live: bool) -> int:
     """Fly, then report. Returns the exit code: 0 when the flight met its limits, 1 when not, 2 for bad configuration."""
     console = Console()
-    try:
-        config = choice.config()
-    except (ConfigError, OSError) as error:
-        print(error, file=sys.stderr)  # noqa: T201
-        return 2
+    config = chosen(choice)
+    if isinstance(config, int):
+        return config
     folder = Path(os.path.relpath(config.session_dir))
     try:
         asyncio.run(fly(config, console, live=live))

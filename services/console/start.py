@@ -12,7 +12,7 @@ from pathlib import Path
 from schemas.topics import GATEWAYS, SERVICES
 from services.config import Config, ConfigError, load, told_in
 from services.console import vehicle_link
-from services.runtime.bus_config import BusConfig, default_run_dir
+from services.runtime.bus_config import AlreadyRunning, BusConfig, claim, default_run_dir
 from services.runtime.clock import Clock, MonotonicClock
 from services.runtime.launcher import Launched, ServiceDied, launch
 from services.runtime.process import serve
@@ -35,10 +35,14 @@ class Choice:
     out: Path = Path("sessions")
 
     def config(self) -> Config:
-        """Validated, with certificates and devices of this host, and a new session folder. Raises ConfigError, OSError."""
+        """Validated, with certificates and devices of this host, and a new session folder.
+
+        Raises ConfigError, OSError, and AlreadyRunning where the system is up.
+        """
         config = load(self.profile, path=self.path, person=self.person, seed=self.seed, px4=self.px4)
         with told_in(self.profile):
             check_radio(config)
+            check_alone(config)
             check_devices(config, config.system.services)
         folder = str(new_session(self.out).resolve())
         return config.model_copy(update={"subject": self.subject, "condition": self.condition, "session_dir": folder})
@@ -60,6 +64,13 @@ def check_radio(config: Config) -> None:
         from services.gateway.start import check
 
         check(config, bus_config(config))
+
+
+def check_alone(config: Config) -> None:
+    """No service of this system runs on this host yet. Raises AlreadyRunning."""
+    for name in config.system.services:
+        with claim(bus_config(config), name):
+            pass
 
 
 def check_devices(config: Config, services: Sequence[str]) -> None:
@@ -161,13 +172,20 @@ def run_by_hand(name: str, profile: str, px4: str = "") -> int:
         return 2
 
 
+def chosen(choice: Choice) -> Config | int:
+    """The configuration; or, once a line has said why not, the exit code: 1 where the system is up, 2 for bad input."""
+    try:
+        return choice.config()
+    except (ConfigError, OSError, AlreadyRunning) as error:
+        print(error, file=sys.stderr)  # noqa: T201
+        return 1 if isinstance(error, AlreadyRunning) else 2
+
+
 def up(choice: Choice) -> int:
     """`clew up`: all services of a profile, until Ctrl-C or until one ends."""
-    try:
-        config = choice.config()
-    except (ConfigError, OSError) as error:
-        print(error, file=sys.stderr)  # noqa: T201
-        return 2
+    config = chosen(choice)
+    if isinstance(config, int):
+        return config
 
     async def stay() -> str:
         async with launch_all(config) as launched:

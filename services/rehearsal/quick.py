@@ -1,10 +1,11 @@
 """The demo in a hurry: the same system and laws, shorter waits and a 1.5 m path, for tests that break something on the way."""
 
 from dataclasses import replace
+from typing import Any
 
 from services.config import Config, load
 
-SHORT_PATH = {
+SHORT_PATH: dict[str, Any] = {
     "name": "short",
     "waypoints_m": [[-2.0, -0.5], [-1.25, -0.45], [-0.5, -0.5]],
     "force": {"f_start_N": 1.0, "f_max_N": 1.5, "ramp_up_fraction": 0.1, "ramp_down_fraction": 0.3},

@@ -44,10 +44,12 @@ async def track(node: Node, config: Config, source: Source) -> None:
         inputs = {source.topic.key: frame.seq} | used(vehicle, force)
         if seen.valid and seen.sample in (Sample.ACCEPTED, Sample.RESTART) and not wrong:
             robots.publish(_pose(frame, inputs))
-        # A robot that has jumped may be a world that has: then the handle has too.
-        tracked = frame.handle.tracked and seen.sample != Sample.JUMP
+        jumped = seen.sample == Sample.JUMP
+        tracked = frame.handle.tracked and not jumped
         hand, found = filtering.step(hand, frame.handle.position_m.array(), tracked, dt, p.handle)
         message = _seen(found, p.handle.tau_s) if found.valid else _guessed(vehicle, force, config)
+        if jumped and not found.valid:  # so may the world have, or the bodies changed places: then nothing is to be guessed
+            message = _nothing("the robot is seen where it does not fly")
         message = _nothing(wrong) if wrong else message
         node.status = source.trouble() or wrong or f"handle by {message.source}, robot {_said(seen, z_R, belief)}"
         handles.publish(message.model_copy(update={"stamp_ns": frame.stamp_ns, "inputs": inputs}))

@@ -54,8 +54,8 @@ def test_a_world_that_moves_in_flight_is_not_flown_after():
         when.append(stage.operator.clock.now_ns())
         await asyncio.sleep(0.7)
         status.extend(m.status for m in stage.flight.said["health/tracker"][-1:])
-        await stage.until(lambda state: state.permit is Permit.EASE, 1.0)
-        await stage.until(lambda state: state.level is Level.DESCEND, 1.5)
+        await stage.until(lambda state: state.permit is Permit.EASE, 0.1)
+        await stage.until(lambda state: state.level is Level.DESCEND, 2.4)
         await asyncio.sleep(1.0)
 
     flight = fly(quick_config(), script)

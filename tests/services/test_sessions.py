@@ -242,8 +242,8 @@ def test_columns_are_attributes_and_join_on_time(recorded):
         assert joined.position_m[i] == pytest.approx(expected)
         last = np.searchsorted(handle.t_s, setpoint.t_s[i], side="right") - 1
         assert joined.seq[i] == handle.seq[max(last, 0)]
-    assert recorded.mocap.handle.position_m.shape[1] == 3
-    assert set(recorded.mocap.handle.at(setpoint.t_s[:5]).tracked) <= {True, False}
+    assert recorded.mocap_frame.handle.position_m.shape[1] == 3
+    assert set(recorded.mocap_frame.handle.at(setpoint.t_s[:5]).tracked) <= {True, False}
     assert recorded.health_tracker.status[0] == recorded.table(HEALTH["tracker"])["status"][0]
     assert "position_m" in dir(handle)
     assert "handle" in dir(recorded)
