@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test test-faults test-net check bench bench-px4 bench-net figures golden lock clean
+.PHONY: demo test test-faults test-net check bench bench-px4 bench-net figures golden golden-recordings lock clean
 
 demo: .venv/.ready
 	$(BIN)/clew demo
@@ -40,6 +40,10 @@ figures: .venv/.ready
 # After a change of behaviour that is meant: what the virtual flight looks like from now on.
 golden: .venv/.ready
 	$(BIN)/python -m tests.services.golden
+
+# The same for the two real flights that are kept as recordings; PX4_BIN is PX4's program.
+golden-recordings: .venv/.ready
+	$(BIN)/python -m tests.golden_recordings
 
 .venv/.ready: requirements.lock pyproject.toml
 	$(PYTHON) -m venv .venv
