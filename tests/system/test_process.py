@@ -62,7 +62,7 @@ sys.exit(serve(name, run, how, BusConfig(system="test", run_dir=run_dir, service
 """
 
 LAUNCHER = """
-import asyncio, json, pathlib, sys
+import asyncio, json, pathlib, signal, sys
 from schemas.topics import SERVICES
 from services.runtime.bus_config import BusConfig
 from services.runtime.launcher import launch
@@ -73,6 +73,7 @@ async def main(run_dir, commands):
         print(*(process.pid for process in launched.processes.values()), flush=True)
         await launched.wait()
 
+signal.signal(signal.SIGINT, signal.default_int_handler)  # as clew does: a script in the background has it ignored
 asyncio.run(main(sys.argv[1], json.loads(sys.argv[2])))
 """
 
