@@ -48,7 +48,9 @@ async def track(node: Node, config: Config, source: Source) -> None:
         tracked = frame.handle.tracked and not jumped
         hand, found = filtering.step(hand, frame.handle.position_m.array(), tracked, dt, p.handle)
         message = _seen(found, p.handle.tau_s) if found.valid else _guessed(vehicle, force, config)
-        if jumped and not found.valid:  # so may the world have, or the bodies changed places: then nothing is to be guessed
+        if (
+            jumped and not found.valid
+        ):  # so may the world have, or the bodies changed places: then nothing is to be guessed
             message = _nothing("the robot is seen where it does not fly")
         message = _nothing(wrong) if wrong else message
         node.status = source.trouble() or wrong or f"handle by {message.source}, robot {_said(seen, z_R, belief)}"
