@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from schemas.safety import Action, Phase
-from schemas.topics import SAFETY_STATE, SETPOINT, TRUTH
+from schemas.topics import HEALTH, SAFETY_STATE, SETPOINT, TRUTH
 from schemas.vehicle import SetpointKind
 from services.config import Config
 from services.console.operator import Operator, operator_node
@@ -25,6 +25,7 @@ from services.runtime.node import Node
 from services.runtime.zenoh_bus import open_bus
 from tests.system.demo_profile import free_port
 
+HEARD = (SAFETY_STATE, SETPOINT, TRUTH, HEALTH["recorder"])
 SLACK = (SetpointKind.EASE, SetpointKind.HOLD)
 Break = Callable[["Flown"], None]
 
@@ -35,7 +36,7 @@ class Flown:
 
     config: Config
     launched: Launched
-    heard: dict[str, list[Any]] = field(default_factory=lambda: {t.key: [] for t in (SAFETY_STATE, SETPOINT, TRUTH)})
+    heard: dict[str, list[Any]] = field(default_factory=lambda: {t.key: [] for t in HEARD})
     broken_s: float = 0.0
     again: list[str] = field(default_factory=list)
     """Started a second time, which the launcher knows nothing of when it stops them."""
@@ -95,7 +96,7 @@ async def _fly(folder: Path, act: Break, watch_s: float, walk_s: float) -> Flown
         node = operator_node(bus, MonotonicClock())
         async with launch_all(config) as launched:
             flown = Flown(config, launched)
-            listening = [asyncio.create_task(_hear(node, flown, topic)) for topic in (SAFETY_STATE, SETPOINT, TRUTH)]
+            listening = [asyncio.create_task(_hear(node, flown, topic)) for topic in HEARD]
             try:
                 await _guiding(flown, Operator(node))
                 await asyncio.sleep(walk_s)
