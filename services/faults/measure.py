@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from schemas.safety import Action, Level, Permit, Phase
 from schemas.simulation import Truth
-from schemas.topics import REQUEST, SAFETY_STATE, SETPOINT, TRUTH
+from schemas.topics import ENERGY, REQUEST, SAFETY_STATE, SETPOINT, TRUTH
 from schemas.vehicle import SetpointKind
 from services.faults.fault import Fault, Reaction
 from services.physics import norm
@@ -27,6 +27,7 @@ IMPACT_MPS = 1.2
 GROUND_M = 0.15
 HEARD_S = 0.03
 LEFT_S = 6.0
+ROUNDING_J = 1e-9  # of the energy books (px4_bridge/energy.py)
 NEVER = float("inf")
 _NUMBERS = (
     "reaction_s",
@@ -257,6 +258,8 @@ def _broken(fault: Fault, r: Record, n: dict[str, Any], reached: Level) -> Itera
         yield "armed", "left armed on the ground"
     if text := _resumed(r):
         yield "resumed", text
+    if (made_J := max((m.created_J for m in r.flight.said[ENERGY.key]), default=0.0)) > ROUNDING_J:
+        yield "energy", f"the filter made {made_J:.1e} J at its ports"
 
 
 def _left_armed(r: Record) -> bool:
