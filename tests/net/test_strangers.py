@@ -264,6 +264,7 @@ def test_monsters_and_thousands_of_keys_do_not_disturb_the_flow(hosts: TwoHosts)
     assert max(gaps) < 1.0
     assert refused == {}
     assert "drone:drone" in told(hosts)
+    assert denied(hosts)["put another key by operator:console"] > 100
 
 
 def test_a_replay_on_the_ground_itself_is_refused_and_counted(hosts: TwoHosts):
