@@ -92,7 +92,9 @@ def credentials(of: Path, name: str, role: str, address: str = "") -> Credential
         CertsError: naming the file and what is wrong with it.
     """
     found = Credentials(of / "ca.pem", of / f"{name}.pem", of / f"{name}.key")
-    for file in (found.ca, found.certificate, found.key):
+    if not found.ca.is_file():
+        raise CertsError(f"{found.ca}: is missing; clew certs init makes it, on one machine for all")
+    for file in (found.certificate, found.key):
         if not file.is_file():
             raise CertsError(f"{file}: is missing; clew certs issue {name} --role {role} makes it")
     mode = found.key.stat().st_mode & 0o777
@@ -132,7 +134,10 @@ def _faults(found: Credentials, expected: str, address: str) -> Iterator[str]:
         certificate.verify_directly_issued_by(authority)
     except Exception:
         yield f"was not issued by the authority of {found.ca}"
-    key = serialization.load_pem_private_key(found.key.read_bytes(), None)
+    try:
+        key = serialization.load_pem_private_key(found.key.read_bytes(), None)
+    except (TypeError, ValueError):
+        raise CertsError(f"{found.key}: is no key, or one with a password") from None
     if key.public_key() != certificate.public_key():
         yield f"does not belong to {found.key}"
     if address and address not in _addresses(certificate):
@@ -163,8 +168,8 @@ def _addresses(found: x509.Certificate) -> list[str]:
 def _load(file: Path) -> x509.Certificate:
     try:
         return x509.load_pem_x509_certificate(file.read_bytes())
-    except ValueError as error:
-        raise CertsError(f"{file}: is no certificate: {error}") from None
+    except ValueError:
+        raise CertsError(f"{file}: is no certificate") from None
 
 
 def _authority(of: Path) -> tuple[x509.Certificate, ec.EllipticCurvePrivateKey]:

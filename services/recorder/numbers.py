@@ -30,6 +30,7 @@ NUMBERS = (
     Number("latency.total.p99_ms", "hand to set-point, 99 %", 1.0, "ms", "99 % of hand samples reached a set-point within this"),
     Number("messages", "messages", 1.0, "", "in the recording"),
     Number("messages_lost", "messages lost", 1.0, "", "gaps in seq, and messages that were malformed"),
+    Number("messages_lost_on_radio", "lost on the radio", 1.0, "", "gaps in seq of what the other host said"),
     Number("host_stalls", "host stalls", 1.0, "", "how often the host took the processor away for longer than the supervisor tolerates"),
 )
 # fmt: on

@@ -93,6 +93,9 @@ class Summary(_Record):
     head_clearance_m: float | None
     messages: int
     messages_lost: int
+    """Of this host: what the bus between its services lost."""
+    messages_lost_on_radio: int = 0
+    """What the other host said and a radio lost: no fault, so it is told and not judged; its effect is in the other numbers."""
     host_stalls: int
     alarms: list[str] = []
     """What limited the system in flight, in order: the time since the start, the level, and what the operator was told."""
@@ -130,7 +133,8 @@ def summarise(session: Session, limits: Limits = GOOD) -> Summary:
     end_error = _end_error(moved, path, spans)
     slack = float(np.mean(moved.slack[walking])) if np.any(walking) else None
     force = HandForce(max_n=_max(norm(moved.f_hand[moved.held])))
-    lost = session.verdict.lost
+    lost_on_radio = _lost_on_radio(session)
+    lost = session.verdict.lost - lost_on_radio
     checks = [
         _check("path_error.mean_m", error.mean_m, limits.path_error_mean_m, "m"),
         _check("path_error.max_m", error.max_m, limits.path_error_max_m, "m"),
@@ -152,6 +156,7 @@ def summarise(session: Session, limits: Limits = GOOD) -> Summary:
         head_clearance_m=_head_clearance(session),
         messages=session.verdict.received,
         messages_lost=lost,
+        messages_lost_on_radio=lost_on_radio,
         host_stalls=int(max(session.table(SAFETY_STATE)["stalls"], default=0)),
         alarms=list(_alarms(session)),
         durations_s=_durations(session),
@@ -182,6 +187,14 @@ def _bad_ends(session: Session) -> Iterator[str]:
         yield f"the session ended in phase {phases[-1].phase if phases else 'unknown'}, not landed"
     if not len(armed) or armed[-1]:
         yield "the vehicle was not disarmed at the end"
+
+
+def _lost_on_radio(session: Session) -> int:
+    config = config_of(session)
+    here = config.get("system", {}).get("host")
+    elsewhere = {name for host, each in config.get("hosts", {}).items() if host != here for name in each["services"]}
+    counts = session.verdict.topics
+    return sum(counts[topic.key].missing for topic in TOPICS if topic.publisher in elsewhere and topic.key in counts)
 
 
 def _path_error(p_H: Array, path: Path | None) -> PathError:

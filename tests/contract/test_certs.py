@@ -99,6 +99,17 @@ def test_a_missing_key_or_certificate(folder, tmp_path):
     assert "ground.key: is missing" in fault(tmp_path, "ground")
 
 
+def test_files_that_are_not_what_they_are_called(folder, tmp_path):
+    certs.issue(folder, "ground", "ground", [HERE])
+    for name, why in (("ground.key", "is no key, or one with a password"), ("ground.pem", "is no certificate")):
+        good = (folder / name).read_bytes()
+        (folder / name).write_text("junk\n")
+        assert fault(tmp_path, "ground") == f"{folder / name}: {why}"
+        (folder / name).write_bytes(good)
+    (folder / "ca.pem").unlink()
+    assert fault(tmp_path, "ground") == f"{folder}/ca.pem: is missing; clew certs init makes it, on one machine for all"
+
+
 def test_a_key_that_others_can_read(folder, tmp_path):
     certs.issue(folder, "ground", "ground", [HERE])
     (folder / "ground.key").chmod(0o644)

@@ -4,6 +4,7 @@ import itertools
 import json
 import os
 import signal
+import subprocess
 import time
 from pathlib import Path
 from typing import Any
@@ -24,8 +25,8 @@ def profile(hosts: TwoHosts, host: str) -> str:
     return str(hosts.folder / f"{host}.toml")
 
 
-def ear(hosts: TwoHosts, host: str, name: str, seconds: float, *keys: str):
-    process = hosts.end(host, "ear", profile(hosts, host), name, str(seconds), *keys)
+def ear(hosts: TwoHosts, host: str, name: str, *keys: str):
+    process = hosts.end(host, "ear", profile(hosts, host), name, "0", *keys, stdin=subprocess.PIPE)
     read_until(process, "listening")
     return process
 
@@ -36,8 +37,13 @@ def voice(hosts: TwoHosts, host: str, name: str, key: str, rate_Hz: float, secon
     return process
 
 
-def heard(hosts: TwoHosts, process: Any) -> tuple[list[dict[str, Any]], dict[str, int]]:
-    """What an ear took, and what it refused."""
+def heard(hosts: TwoHosts, process: Any, *voices: Any) -> tuple[list[dict[str, Any]], dict[str, int]]:
+    """What an ear took until the voices had ended, and what it refused."""
+    for voice in voices:
+        voice.communicate(timeout=60.0)
+        hosts.processes.remove(voice)
+    if voices:
+        time.sleep(0.5)  # what is under way still counts
     out, _ = process.communicate(timeout=60.0)
     hosts.processes.remove(process)
     *taken, last = lines(out)
@@ -70,12 +76,12 @@ def test_the_clocks_are_compared_to_within_a_few_milliseconds(hosts: TwoHosts):
 
 def test_commands_arrive_on_a_bad_radio_with_bulk_beside_them_and_none_is_acted_on_that_is_too_old(hosts: TwoHosts):
     hosts.shape(**BAD)
-    listener = ear(hosts, "drone", "px4_bridge", 16.0, GUIDANCE.key)
-    bulk = ear(hosts, "drone", "safety_supervisor", 16.0, "sim/truth")
-    voice(hosts, "ground", "simulator", "sim/truth", 400.0, 14.0, 1000)
-    voice(hosts, "ground", "guiding_controller", GUIDANCE.key, 100.0, 12.0)
-    taken, refused = heard(hosts, listener)
-    crowd, _ = heard(hosts, bulk)
+    listener = ear(hosts, "drone", "px4_bridge", GUIDANCE.key)
+    bulk = ear(hosts, "drone", "safety_supervisor", "sim/truth")
+    crowding = voice(hosts, "ground", "simulator", "sim/truth", 400.0, 14.0, 1000)
+    guiding = voice(hosts, "ground", "guiding_controller", GUIDANCE.key, 100.0, 12.0)
+    taken, refused = heard(hosts, listener, guiding)
+    crowd, _ = heard(hosts, bulk, crowding)
     ages, seqs = of(taken, GUIDANCE.key, "age_s"), of(taken, GUIDANCE.key, "seq")
     too_old = refused.get(GUIDANCE.key, 0)
     print(f"age p50 {quantile(ages, 0.5) * 1e3:.0f} ms, p99 {quantile(ages, 0.99) * 1e3:.0f} ms, {too_old} refused")
@@ -90,15 +96,17 @@ def test_commands_arrive_on_a_bad_radio_with_bulk_beside_them_and_none_is_acted_
 def test_an_outage_stops_nothing_onboard_and_leaves_nothing_stale(hosts: TwoHosts):
     """2 s of silence while the drone's own topics go on; then guidance flows again, and nothing old is acted on."""
     hosts.shape(**BAD | {"loss": 0.0})
-    onboard = ear(hosts, "drone", "px4_bridge", 16.0, GUIDANCE.key, CABLE_FORCE.key)
-    voice(hosts, "ground", "guiding_controller", GUIDANCE.key, 100.0, 12.0)
-    voice(hosts, "drone", "force_estimator", CABLE_FORCE.key, 250.0, 12.0)
+    onboard = ear(hosts, "drone", "px4_bridge", GUIDANCE.key, CABLE_FORCE.key)
+    voices = (
+        voice(hosts, "ground", "guiding_controller", GUIDANCE.key, 100.0, 12.0),
+        voice(hosts, "drone", "force_estimator", CABLE_FORCE.key, 250.0, 12.0),
+    )
     time.sleep(3.0)
     hosts.shape(down=True)
     time.sleep(2.0)
     hosts.shape(down=False)
     back_s = time.monotonic() + AHEAD_s
-    taken, _ = heard(hosts, onboard)
+    taken, _ = heard(hosts, onboard, *voices)
     times = of(taken, GUIDANCE.key, "t_s")
     after = [t for t in times if t > back_s]
     assert after, "it flows again"
@@ -112,14 +120,16 @@ def test_an_outage_stops_nothing_onboard_and_leaves_nothing_stale(hosts: TwoHost
 @pytest.mark.parametrize("host", ["drone", "ground"])
 def test_a_gateway_that_is_killed_comes_back_and_nobody_at_home_notices(hosts: TwoHosts, host: str):
     hosts.shape(**BAD | {"loss": 0.0})
-    onboard = ear(hosts, "drone", "px4_bridge", 15.0, GUIDANCE.key, CABLE_FORCE.key)
-    voice(hosts, "ground", "guiding_controller", GUIDANCE.key, 100.0, 13.0)
-    voice(hosts, "drone", "force_estimator", CABLE_FORCE.key, 250.0, 13.0)
+    onboard = ear(hosts, "drone", "px4_bridge", GUIDANCE.key, CABLE_FORCE.key)
+    voices = (
+        voice(hosts, "ground", "guiding_controller", GUIDANCE.key, 100.0, 13.0),
+        voice(hosts, "drone", "force_estimator", CABLE_FORCE.key, 250.0, 13.0),
+    )
     time.sleep(2.0)
     os.kill(int(Path(hosts.run_dir(host), "t", f"{host}_gateway.pid").read_text()), signal.SIGKILL)
     killed_s = time.monotonic() + AHEAD_s
     hosts.gateway(host)
-    taken, _ = heard(hosts, onboard)
+    taken, _ = heard(hosts, onboard, *voices)
     times, local = of(taken, GUIDANCE.key, "t_s"), gaps(of(taken, CABLE_FORCE.key, "t_s"))
     after = [t for t in times if t > killed_s + 0.3]
     assert after, "it came back"
@@ -131,11 +141,13 @@ def test_a_gateway_that_is_killed_comes_back_and_nobody_at_home_notices(hosts: T
 
 def test_telemetry_is_thinned_on_the_radio_and_only_there(hosts: TwoHosts):
     hosts.shape(delay_ms=5.0, jitter_ms=1.0, loss=0.0, rate_Mbit_s=0.0)
-    far = ear(hosts, "ground", "recorder", 18.0, CABLE_FORCE.key, HANDLE_STATE.key)
-    near = ear(hosts, "drone", "px4_bridge", 16.0, CABLE_FORCE.key, HANDLE_STATE.key)
-    voice(hosts, "drone", "force_estimator", CABLE_FORCE.key, 250.0, 6.0)
-    voice(hosts, "ground", "tracker", HANDLE_STATE.key, 60.0, 6.0)
-    on_ground, _ = heard(hosts, far)
+    far = ear(hosts, "ground", "recorder", CABLE_FORCE.key, HANDLE_STATE.key)
+    near = ear(hosts, "drone", "px4_bridge", CABLE_FORCE.key, HANDLE_STATE.key)
+    voices = (
+        voice(hosts, "drone", "force_estimator", CABLE_FORCE.key, 250.0, 6.0),
+        voice(hosts, "ground", "tracker", HANDLE_STATE.key, 60.0, 6.0),
+    )
+    on_ground, _ = heard(hosts, far, *voices)
     on_drone, _ = heard(hosts, near)
 
     def rate_Hz(taken: list[dict[str, Any]], key: str) -> float:

@@ -14,6 +14,7 @@ import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -27,9 +28,22 @@ NAMES: dict[str, Role] = {"drone": "drone", "ground": "ground", "console": "oper
 ROOT = Path(__file__).parents[2]
 
 
+@cache
 def can() -> bool:
-    """Whether this process may make namespaces and TUN devices."""
-    return os.geteuid() == 0 and Path("/dev/net/tun").exists()
+    """Whether this process may make namespaces and TUN devices: tried, because a container's root often may not."""
+    space = f"clew{os.getpid()}try"
+    try:
+        _ip("netns", "add", space)
+    except (OSError, subprocess.CalledProcessError):
+        return False
+    try:
+        os.close(bad_radio.tun(space, DRONE_IP, GROUND_IP))
+        subprocess.run(["unshare", "--time", "--monotonic", "1", "true"], check=True, capture_output=True)
+    except (OSError, subprocess.CalledProcessError):
+        return False
+    finally:
+        _ip("netns", "del", space)
+    return True
 
 
 def make_certificates(into: Path, names: dict[str, Role] = NAMES) -> None:

@@ -22,6 +22,7 @@ from services.recorder.figures import FIGURES, draw_all
 from services.recorder.latency import reactions
 from services.recorder.reading import read
 from services.recorder.summary import summarise
+from services.recorder.walk import CONFIG_ATTACHMENT
 from services.recorder.writer import SessionWriter
 from tests.services import synthetic, synthetic_world
 from tests.services.synthetic_world import Scenario
@@ -96,6 +97,18 @@ def test_a_bad_session_is_not_ok_and_every_reason_is_named(bad):
     for reason in ("path_error.mean_m", "path_error.max_m", "slack_fraction", "messages_lost = 3", "not disarmed"):
         assert reason in said
     assert "hand_force" not in said
+
+
+@pytest.mark.parametrize(("host", "lost", "on_radio"), [("drone", 0, 3), ("ground", 3, 0)])
+def test_what_a_radio_lost_is_told_and_not_judged(bad, host, lost, on_radio):
+    """What is missing here is the guiding controller's, which is on the ground."""
+    session = read(bad.file)
+    both = {name: {"services": list(each.services)} for name, each in load("drone").hosts.items()}
+    config = json.loads(session.attachments[CONFIG_ATTACHMENT]) | {"hosts": both, "system": {"host": host}}
+    session.attachments = {**session.attachments, CONFIG_ATTACHMENT: json.dumps(config).encode()}
+    summary = summarise(session)
+    assert (summary.messages_lost, summary.messages_lost_on_radio) == (lost, on_radio)
+    assert any("messages_lost" in reason for reason in summary.reasons) is (host == "ground")
 
 
 def test_a_session_that_was_cut_off_is_not_ok_but_is_summarised(folder, good):
