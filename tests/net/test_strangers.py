@@ -89,10 +89,13 @@ def speak(hosts: TwoHosts, seconds: float = 1.0) -> None:
 
 
 def told(hosts: TwoHosts) -> str:
-    """The ground gateway's word in `clew status`."""
+    """The ground gateway's word in `clew status`, over as many lines as it has there."""
     profile = str(hosts.folder / "ground.toml")
     _, out, _ = hosts.run("ground", sys.executable, "-P", "-m", "services.console.cli", "status", "--profile", profile)
-    return next(line for line in out.splitlines() if "ground_gateway" in line)
+    rows = [line.split("│") for line in out.splitlines() if line.startswith("│")]
+    first = next(n for n, row in enumerate(rows) if "ground_gateway" in row[1])
+    more = itertools.takewhile(lambda row: not row[1].strip(), rows[first + 1 :])
+    return " ".join(row[-2].strip() for row in (rows[first], *more))
 
 
 def denied(hosts: TwoHosts) -> dict[str, int]:

@@ -172,8 +172,9 @@ def stop(process: subprocess.Popen[str], number: int = signal.SIGINT) -> None:
         except subprocess.TimeoutExpired:
             os.killpg(process.pid, signal.SIGKILL)
             process.wait(5.0)
-    if process.stdout:
-        process.stdout.close()
+    for pipe in (process.stdin, process.stdout):
+        if pipe:
+            pipe.close()
 
 
 def read_until(process: subprocess.Popen[str], word: str, timeout_s: float = 20.0) -> str:
