@@ -23,7 +23,7 @@ from schemas.topics import (
 from schemas.tracking import HandleSource
 from schemas.vehicle import FlightMode
 from services.config import Config
-from services.physics import Array, norm
+from services.physics import Array, dot, norm
 from services.runtime.node import Node, Tick, used
 from services.runtime.readers import Latest
 from services.safety_supervisor import distances, held, phases, rules
@@ -194,7 +194,7 @@ def _aside_N(senses: Senses, config: Config) -> float:
     length = float(norm(l_c))
     if not 0.0 <= length - config.cable.rest_length_m <= STRETCH_M:
         return 0.0
-    return float(norm(f_c - (f_c @ l_c) / length**2 * l_c))
+    return float(norm(f_c - dot(f_c, l_c) / length**2 * l_c))
 
 
 def _clock_uncertainty_s(senses: Senses) -> float:
