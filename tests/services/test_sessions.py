@@ -251,7 +251,7 @@ def test_columns_are_attributes_and_join_on_time(recorded):
         _ = recorded.vehicle
     with pytest.raises(AttributeError, match="mocap is more than one topic: mocap_frame, mocap_seen"):
         _ = recorded.mocap
-    with pytest.raises(AttributeError, match="no topic is called hand: try .*handle"):
+    with pytest.raises(AttributeError, match=r"no topic is called hand: try .*handle"):
         _ = recorded.hand
     with pytest.raises(AttributeError, match="handle has no speed"):
         _ = handle.speed
