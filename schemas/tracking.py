@@ -28,6 +28,8 @@ class MocapFrame(Message):
     robot: RigidBody
     handle: RigidBody
     stamped_by: StampedBy = StampedBy.SOURCE
+    trouble: str = ""
+    """What keeps a body away, in words, where the capture system or its driver tells."""
 
 
 class RobotPose(Message):

@@ -95,7 +95,7 @@ async def run(node: Node, config: Config) -> None:
         seen = _seen(action, active, senses, bool(person.held.held), path.p(1.0))
         state, decision = phases.step(state, seen, tick.dt_s, route, p.times)
         if request:
-            requests.answered(_reply(request, state, active))
+            requests.answered(_reply(request, state, active, senses))
         for reply in requests.replies():
             replies.publish(reply)
         node.status = f"{state.phase} {state.why}".strip()
@@ -221,7 +221,7 @@ def _seen(action: Action | None, active: list[Rule], senses: Senses, is_held: bo
 
 def _reasons(state: phases.PhaseState, active: list[Rule], senses: Senses) -> list[str]:
     """The gravest first; then why this phase was entered, and what zeroing says."""
-    texts = [f"{rule.text}: {rule.cure}" for rule in active]
+    texts = _told(active, senses)
     if state.operator_level >= Level.EASE:
         told = f"a person asked to {state.operator_level.name.lower()}"
         texts.insert(0, f"{told}: clew resume goes on" if state.operator_level < Level.LAND else told)
@@ -231,11 +231,18 @@ def _reasons(state: phases.PhaseState, active: list[Rule], senses: Senses) -> li
     return texts + ([state.why] if state.why else [])
 
 
-def _reply(request: OperatorRequest, state: phases.PhaseState, active: list[Rule]) -> OperatorReply:
+def _told(active: list[Rule], senses: Senses) -> list[str]:
+    """Text and cure. Of a hidden handle the tracker knows more: which body there is not, or that the world lies on its side."""
+    hand = senses.handle.message
+    known = hand.invalid_reason if hand and not hand.valid else ""
+    return [f"{rule.text}: {(known if rule.name.startswith('handle_') else '') or rule.cure}" for rule in active]
+
+
+def _reply(request: OperatorRequest, state: phases.PhaseState, active: list[Rule], senses: Senses) -> OperatorReply:
     """What came of a request, in words."""
     not_started = request.action is Action.START and state.phase is Phase.IDLE
     limited = [rule for rule in active if rule.level >= Level.EASE]
     not_resumed = request.action is Action.RESUME and (state.phase is Phase.HOLD or bool(limited))
     refused = not_started or not_resumed
-    text = "; ".join(rule.text for rule in active) or "not ready" if refused else f"phase {state.phase}"
+    text = "; ".join(_told(active, senses)) or "not ready" if refused else f"phase {state.phase}"
     return OperatorReply(request_id=request.request_id, accepted=not refused, text=text)

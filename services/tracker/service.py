@@ -52,7 +52,8 @@ async def track(node: Node, config: Config, source: Source) -> None:
             jumped and not found.valid
         ):  # so may the world have, or the bodies changed places: then nothing is to be guessed
             message = _nothing("the robot is seen where it does not fly")
-        message = _nothing(wrong) if wrong else message
+        why = wrong or ("" if message.valid else frame.trouble)
+        message = _nothing(why) if why else message
         node.status = source.trouble() or wrong or f"handle by {message.source}, robot {_said(seen, z_R, belief)}"
         handles.publish(message.model_copy(update={"stamp_ns": frame.stamp_ns, "inputs": inputs}))
 

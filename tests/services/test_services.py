@@ -279,6 +279,29 @@ def test_a_start_is_refused_with_the_reason(missing, why):
     assert any(why in reason for reason in said[SAFETY_STATE.key][-1].reasons)
 
 
+def test_what_the_tracker_knows_of_a_hidden_handle_is_what_the_operator_is_told():
+    """A marker body that does not exist comes with the frame; the supervisor says it in the place of its general cure."""
+    trouble = "no body handel in vrpn at mocap; it has: handle, robot"
+    hidden = frame(ON_THE_GROUND, None).model_copy(update={"trouble": trouble})
+    told = tracked(lambda _: hidden, pull=None)[HANDLE_STATE.key][-1]
+    assert (told.valid, told.invalid_reason) == (False, trouble)
+    said = asked(READY_FEEDS | {HANDLE_STATE: lambda _: told}, Action.START)
+    (reply,) = said[REPLY.key]
+    assert reply.text == f"the handle is not seen: {trouble}"
+    assert said[SAFETY_STATE.key][-1].reasons == [reply.text]
+
+
+def test_a_world_whose_y_axis_is_up_is_what_the_operator_is_told():
+    y_up = frame(np.array([-2.0, 0.08, 0.5]), np.array([-2.0, 0.02, 0.9]))
+    told = tracked(lambda _: y_up, pull=None)[HANDLE_STATE.key][-1]
+    said = asked({**READY_FEEDS, HANDLE_STATE: lambda _: told, ROBOT_POSE: lambda _: None}, Action.START)
+    (reply,) = said[REPLY.key]
+    assert reply.text.startswith(
+        "the handle is not seen: the capture system's y axis is up: robot and handle lie still"
+    )
+    assert "let it stream with z up" in reply.text
+
+
 def test_a_start_is_accepted_when_all_is_ready():
     said = asked(READY_FEEDS, Action.START)
     (reply,) = said[REPLY.key]
