@@ -47,6 +47,10 @@ class HandleSource(StrEnum):
     NONE = "none"
 
 
+HIDDEN = "handle hidden"
+"""Thus begins the `invalid_reason` of a HandleState where no cause is known."""
+
+
 class HandleState(Message):
     """p_H and v_H: the point O_H where the cable meets the handle. `lag_s` is the filter's delay on a constant velocity."""
 

@@ -108,7 +108,7 @@ RULES: tuple[Rule, ...] = (
     Rule("autopilot_lands",   lambda f, p: f.autopilot_lands,                       ALOFT,   0.1, Level.DESCEND, "the autopilot lands by itself",           "let go, step back"),
     Rule("handle_hidden",     lambda f, p: f.handle_age_s > p.age_ease_s,           PREPARED, 0.0, Level.EASE,  "the handle is not seen",                   "check its markers and the capture system"),
     Rule("handle_lost",       lambda f, p: f.handle_age_s > p.age_hold_s,           ENGAGED, 2.0, Level.HOLD,  "the handle has not been seen for long",    "check its markers and the capture system"),
-    Rule("robot_hidden",      lambda f, p: f.robot_pose_age_s > p.age_hold_s,       PREPARED, 0.5, Level.EASE, "the vehicle is not seen",                  "check its markers; clew status says whether its body exists"),
+    Rule("robot_hidden",      lambda f, p: f.robot_pose_age_s > p.age_hold_s,       PREPARED, 0.5, Level.EASE, "the vehicle is not seen",                  "check its markers and the capture system"),
     Rule("robot_lost",        lambda f, p: f.robot_pose_age_s > p.robot_lost_s,     FLYING,  0.0, Level.DESCEND, "the autopilot flies without motion capture", "let go, step back: it lands"),
     Rule("robot_elsewhere",   lambda f, p: f.robot_apart_m > p.robot_apart_m,       ALOFT,   0.1, Level.EASE,  "motion capture sees the vehicle elsewhere", "check the markers of vehicle and handle"),
     Rule("robot_gone",        lambda f, p: f.robot_apart_m > p.robot_apart_m,       ALOFT,   2.0, Level.DESCEND, "motion capture has long seen the vehicle elsewhere", "let go, step back: it lands"),

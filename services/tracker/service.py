@@ -5,7 +5,7 @@ import numpy as np
 from schemas.estimation import CableForce
 from schemas.message import Vec3
 from schemas.topics import CABLE_FORCE, HANDLE_STATE, MOCAP_SEEN, ROBOT_POSE, VEHICLE_STATE
-from schemas.tracking import HandleSource, HandleState, MocapFrame, RobotPose
+from schemas.tracking import HIDDEN, HandleSource, HandleState, MocapFrame, RobotPose
 from schemas.vehicle import VehicleState
 from services.config import Config
 from services.physics import Array
@@ -52,10 +52,15 @@ async def track(node: Node, config: Config, source: Source) -> None:
             jumped and not found.valid
         ):  # so may the world have, or the bodies changed places: then nothing is to be guessed
             message = _nothing("the robot is seen where it does not fly")
-        why = wrong or ("" if message.valid else frame.trouble)
+        why = wrong or (frame.trouble if _missed(frame, message, belief) else "")
         message = _nothing(why) if why else message
         node.status = source.trouble() or wrong or f"handle by {message.source}, robot {_said(seen, z_R, belief)}"
         handles.publish(message.model_copy(update={"stamp_ns": frame.stamp_ns, "inputs": inputs}))
+
+
+def _missed(frame: MocapFrame, message: HandleState, belief: Belief) -> bool:
+    """Whether a body is missing that is needed now: on the ground both, so that a start is refused with the cause."""
+    return not message.valid or not (belief.flying or frame.robot.tracked)
 
 
 def _belief(vehicle: Latest[VehicleState]) -> Belief:
@@ -97,12 +102,12 @@ def _guessed(vehicle: Latest[VehicleState], force: Latest[CableForce], config: C
     """From the robot and the cable force while the cable is taut (last remark), without a velocity."""
     robot, pull = vehicle.value, force.value
     if robot is None or pull is None:
-        return _nothing("handle hidden, no vehicle or force to go by")
+        return _nothing(f"{HIDDEN}, no vehicle or force to go by")
     p_H, usable = filtering.fallback(
         robot.position_m.array(), pull.force_N.array(), config.cable, config.tracker.fallback_force_min_N
     )
     if not usable:
-        return _nothing("handle hidden, cable not taut enough to show it")
+        return _nothing(f"{HIDDEN}, cable not taut enough to show it")
     return _state(p_H, robot.velocity_mps.array(), HandleSource.CABLE, 0.0)
 
 
