@@ -10,9 +10,9 @@ demo: .venv/.ready
 test: .venv/.ready
 	$(BIN)/python -m pytest --numprocesses=auto --no-loadscope-reorder
 
-# The whole campaign of faults on virtual time, then real processes killed, stopped, starved: about 10 minutes on a quiet machine.
+# Real processes killed, stopped, starved in flight, and beside them the whole campaign of faults on virtual time.
 test-faults: .venv/.ready
-	$(BIN)/python -m pytest -m faults tests
+	$(BIN)/python -m pytest -m faults --numprocesses=2 --no-loadscope-reorder tests
 
 # Needs root: two network namespaces with a bad radio between them.
 test-net: .venv/.ready
