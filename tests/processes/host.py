@@ -34,9 +34,11 @@ def may_go_first() -> bool:
     return subprocess.run(["chrt", "-f", "1", "true"], capture_output=True, check=False).returncode == 0
 
 
-def loop() -> list[str]:
-    """What a loop's command begins with."""
-    return ["chrt", "-f", str(STARTS), "env", f"CLEW_FIFO={LOOPS}"] if may_go_first() else []
+def first(*, loop: bool) -> list[str]:
+    """What the command of a service begins with."""
+    if not may_go_first():
+        return []
+    return ["chrt", "-f", str(STARTS), *(["env", f"CLEW_FIFO={LOOPS}"] if loop else [])]
 
 
 def go_with_the_others(pid: int) -> None:

@@ -1,7 +1,7 @@
 """What is promised of every fault, and how a window is held to it."""
 
 from schemas.safety import Level
-from schemas.topics import SAFETY_STATE
+from schemas.topics import SAFETY_STATE, SETPOINT
 from tests.processes.window import Window
 
 FORCE_N, CALM_N = 2.5, 0.3
@@ -27,9 +27,13 @@ def assert_backs_off(w: Window, within_s: float) -> None:
     assert_force(w)
 
 
-def assert_silent(w: Window) -> None:
-    """No set-point leaves more than 0.1 s after the loop that makes them stood still."""
-    assert w.silent_s() < SILENT_S, w
+def assert_silent(w: Window, back_s: float = float("inf")) -> None:
+    """No set-point leaves more than 0.1 s after the loop that makes them stood still.
+
+    One that is `back_s` later may send until it hears, within 0.1 s, that the autopilot lands, which does not follow it.
+    """
+    late_s = [t for t, _ in w.all(SETPOINT, SILENT_S) if not back_s - TURN_S < t < back_s + SILENT_S]
+    assert not late_s, f"set-points at {late_s[:5]}: {w}"
 
 
 def assert_unnoticed(w: Window) -> None:

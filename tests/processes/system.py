@@ -200,8 +200,17 @@ async def _hear(node: Node, system: System, topic: Any) -> None:
 
 def command(name: str, profile: Path) -> list[str]:
     """A service that can be made ill. The loops have priority, as those that hold the hand have where they are deployed."""
-    first = ["nice"] if name == "recorder" else host.loop()
-    return [*first, sys.executable, "-P", "-m", "tests.processes.sick", "run", "--profile", str(profile), name]
+    return [
+        *host.first(loop=name != "recorder"),
+        sys.executable,
+        "-P",
+        "-m",
+        "tests.processes.sick",
+        "run",
+        "--profile",
+        str(profile),
+        name,
+    ]
 
 
 def _environment() -> dict[str, str]:

@@ -31,9 +31,10 @@ def test_without_the_bridge_the_autopilot_lands(tmp_path, phase, deed):
         await asyncio.sleep(1.0)
         async with system.broken("px4_bridge") as window:
             await deed(system, "px4_bridge")
+            window.done_s = window.age_s
             await system.landed()
             await asyncio.sleep(1.0)
-        promises.assert_silent(window)
+        promises.assert_silent(window, window.done_s)
         assert window.sinks_s() < LOST_S + SINK_S + window.waited_s(LOST_S + SINK_S), window
         assert Level.DESCEND in window.levels(), window
         if deed is not killed:
@@ -57,9 +58,10 @@ def test_a_bridge_that_was_away_for_long_leaves_the_landing_to_the_autopilot(tmp
         await system.pulled()
         async with system.broken("px4_bridge") as window:
             await stopped(1.0)(system, "px4_bridge")
+            window.done_s = window.age_s
             await system.put_down()
         promises.assert_pulled(window)
-        promises.assert_silent(window)
+        promises.assert_silent(window, window.done_s)
         promises.assert_force(window)
         assert window.sinks_s() < LOST_S + SINK_S + window.waited_s(LOST_S + SINK_S), window
 
