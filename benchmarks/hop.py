@@ -2,8 +2,9 @@
 
 - bare: `put(bytes)` on a declared publisher -> Zenoh's callback in the other process has the bytes. No model, no loop.
 - loop: the same bytes -> the other process's loop has them, by the shortest way that asyncio knows.
-- latest: `publish(HandleState)` -> decoded and checked in the other process's loop, where a Latest holds it.
-- stream: the same message -> the service's `async for` over a Stream has it.
+- decoded: `publish(HandleState)` called -> decoded and checked in the other process's loop, where a Latest holds it.
+- stream: the same call -> the service's `async for` over a Stream has it.
+- turn: the sender's turn began (its `said_ns`) -> the same: with the sender's heartbeat and the making of the message.
 
 All have the same session settings, QoS and size; bare and ours take turns of 250 ms within one run and so meet the same
 load. Stamps are CLOCK_MONOTONIC, one clock for all processes of a host. `python -m benchmarks.hop`
@@ -13,11 +14,13 @@ load. Stamps are CLOCK_MONOTONIC, one clock for all processes of a host. `python
 # pyright: reportUnknownMemberType=false
 
 import asyncio
+import json
 import sys
 import tempfile
 import time
 from collections import deque
 from collections.abc import AsyncIterator, Sequence
+from pathlib import Path
 
 import zenoh
 
@@ -48,11 +51,12 @@ def run(seconds: float = 10.0) -> list[tuple[str, ...]]:
 
 
 class Receiver:
-    """The other process: three ways to look at the clock."""
+    """The other process, and the clock at each stage of what it receives."""
 
     def __init__(self) -> None:
-        self.delays_ns: dict[str, list[int]] = {"bare": [], "loop": [], "decoded": [], "stream": []}
-        self.decoded_ns: deque[int] = deque()
+        self.delays_ns: dict[str, list[int]] = {name: [] for name in ("bare", "loop", "decoded", "stream", "turn")}
+        self._decoded_ns: deque[int] = deque()
+        self._seen: list[tuple[HandleState, int, int]] = []
 
     async def receive(self, run_dir: str, seconds: float) -> None:
         ours, bare = _configs(run_dir)
@@ -61,7 +65,7 @@ class Receiver:
             open_bus(bare, "recorder"),  # makes the folder
             zenoh.open(session_config(bare, "guiding_controller")) as session,
         ):
-            node = Node("guiding_controller", Probe(bus, self.decoded_ns), MonotonicClock())
+            node = Node("guiding_controller", Probe(bus, self._decoded_ns), MonotonicClock())
             reader = asyncio.create_task(self._read(node.stream(HANDLE_STATE, depth=4096)))
             self._loop = asyncio.get_running_loop()
             session.declare_subscriber(_BARE_KEY, self._on_sample)
@@ -69,11 +73,17 @@ class Receiver:
             await sender.wait()
             await asyncio.sleep(0.1)
             reader.cancel()
+        self._compare(_called(run_dir))
 
     async def _read(self, messages: AsyncIterator[HandleState]) -> None:
         async for message in messages:
-            self.delays_ns["stream"].append(time.monotonic_ns() - message.stamp_ns)
-            self.delays_ns["decoded"].append(self.decoded_ns.popleft() - message.stamp_ns)
+            self._seen.append((message, self._decoded_ns.popleft(), time.monotonic_ns()))
+
+    def _compare(self, called_ns: dict[int, int]) -> None:
+        for message, decoded_ns, read_ns in self._seen:
+            self.delays_ns["decoded"].append(decoded_ns - called_ns[message.seq])
+            self.delays_ns["stream"].append(read_ns - called_ns[message.seq])
+            self.delays_ns["turn"].append(read_ns - message.said_ns)
 
     def _on_sample(self, sample: zenoh.Sample) -> None:
         payload = sample.payload.to_bytes()
@@ -111,14 +121,27 @@ async def send(run_dir: str, seconds: float) -> None:
         node = Node("tracker", bus, MonotonicClock())
         publish = node.publisher(HANDLE_STATE).publish
         bare_publisher = _bare_publisher(session)
+        called_ns: dict[int, int] = {}
         await asyncio.sleep(1.0)  # until the links are up
         async for tick in node.ticks(_RATE_Hz):
             if tick.n >= seconds * _RATE_Hz:
-                return
+                break
             if tick.n // _TURN_ticks % 2:
                 bare_publisher.put(time.monotonic_ns().to_bytes(8, "little") + bytes(_SIZE_bytes - 8))
             else:
-                publish(_sample(tick.n))
+                message = _sample(tick.n)
+                now_ns = time.monotonic_ns()
+                called_ns[publish(message).seq] = now_ns
+        _calls_file(run_dir).write_text(json.dumps(list(called_ns.items())))
+
+
+def _calls_file(run_dir: str) -> Path:
+    return Path(run_dir) / "called.json"
+
+
+def _called(run_dir: str) -> dict[int, int]:
+    """When `publish` was called, by the seq that it gave."""
+    return dict(json.loads(_calls_file(run_dir).read_text()))
 
 
 def _bare_publisher(session: zenoh.Session) -> zenoh.Publisher:

@@ -15,5 +15,6 @@ class Heartbeat(Message):
     cpu_fraction: float
     received: dict[str, int]
     rejected: dict[str, int]
-    """Per topic: samples refused because they were malformed, non-finite, misaddressed or out of order."""
+    """Per topic: samples refused because they were malformed, non-finite, misaddressed or out of order. Of a gateway also
+    what its access rules refused: `put guidance/command by viewer:screen`."""
     status: str

@@ -45,7 +45,7 @@ class View:
     connects: int | None = None
     unanswered: int | None = None
     refused: dict[str, int] = field(default_factory=dict[str, int])
-    """By topic, what services refused: too old, out of order, malformed."""
+    """By topic, what services refused: too old, out of order, malformed; by deed, key and name what the access rules did."""
     topics: dict[str, Arrivals] = field(default_factory=dict[str, Arrivals])
 
 

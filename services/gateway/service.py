@@ -6,6 +6,7 @@ asks the ground's for its time twice a second and says how far the clocks are ap
 
 import json
 import time
+from collections import Counter
 from collections.abc import Callable
 from typing import Protocol, cast
 
@@ -15,7 +16,7 @@ from services.config import Config
 from services.gateway import offset
 from services.gateway.access import CLOCK
 from services.gateway.radio import Radio
-from services.gateway.refusals import listening
+from services.gateway.refusals import Refusals
 from services.runtime.node import Node
 
 RATE_HZ = 10.0
@@ -25,6 +26,11 @@ GROUND_CLOCK = f"{CLOCK}ground"
 
 class RadioBus(Protocol):
     """What a gateway needs of its bus beyond topics."""
+
+    @property
+    def log(self) -> Refusals | None:
+        """What Zenoh's log told."""
+        ...
 
     def answer(self, key: str, reply: Callable[[], bytes]) -> None:
         """Answer each question on `key` at once, in the bus's own thread."""
@@ -48,11 +54,12 @@ async def run(node: Node, config: Config) -> None:
     compare = Comparison(node, bus, config.radio) if config.system.host == "drone" else None
     if compare is None:
         bus.answer(GROUND_CLOCK, lambda: _times(node))
-    with listening() as refusals:
-        async for tick in node.ticks(RATE_HZ):
-            node.status = "; ".join(filter(None, (watch.tell(bus.remotes()), str(refusals))))
-            if compare:
-                compare.turn(tick.n, watch.connects)
+    async for tick in node.ticks(RATE_HZ):
+        node.status = "; ".join(filter(None, (watch.tell(bus.remotes()), str(bus.log or ""))))
+        if bus.log:
+            node.rejected |= Counter(dict(bus.log.denied))
+        if compare:
+            compare.turn(tick.n, watch.connects)
 
 
 def _times(node: Node) -> bytes:

@@ -8,7 +8,7 @@ from services.config import Config, ConfigError
 from services.gateway import session
 from services.gateway.certs import CertsError, Credentials, credentials, folder
 from services.gateway.radio import Radio
-from services.gateway.refusals import LOG_LEVELS
+from services.gateway.refusals import Refusals
 from services.runtime.bus_config import BusConfig
 
 
@@ -31,7 +31,7 @@ def gateway_bus(config: Config, bus: BusConfig) -> BusConfig:
         files = _files(radio, _only_name(radio, host), host)
         own = {"endpoints": session.endpoints(radio, radio.address)}
     settings = session.gateway(host, radio, services, files, bus.prefix)
-    return replace(bus, settings=settings, log_levels=LOG_LEVELS, **own)
+    return replace(bus, settings=settings, log=Refusals(bus.prefix), **own)
 
 
 def console_bus(config: Config, bus: BusConfig) -> BusConfig:

@@ -6,12 +6,23 @@ from collections.abc import Generator
 from contextlib import contextmanager
 from dataclasses import field
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from services.parameters import parameters
 from services.runtime.hosts import Placement
 
 _SOCKET_PATH_MAX_bytes = 107  # sun_path holds 108 with the final zero
+
+
+class LogReader(Protocol):
+    """Who reads along what Zenoh logs."""
+
+    levels: str
+    """What shall be logged, in the terms of RUST_LOG, which goes before it."""
+
+    def note(self, line: str) -> bool:
+        """Look at a line, without colours, in a thread of its own; returns whether it shall be printed."""
+        ...
 
 
 @parameters
@@ -28,8 +39,7 @@ class BusConfig:
     endpoints: tuple[str, ...] = ()
     listen: tuple[str, ...] = ()
     settings: dict[str, Any] = field(default_factory=dict[str, Any])
-    log_levels: str = ""
-    """What Zenoh shall say on standard output."""
+    log: LogReader | None = None
     placement: Placement = Placement()
 
     @property

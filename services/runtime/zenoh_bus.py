@@ -19,6 +19,7 @@ from zenoh.handlers import RingChannel
 from schemas.topics import BY_KEY, Stance
 from services.runtime.bus import DEPTH, Mailbox, MAX_PAYLOAD_bytes, OnPayload
 from services.runtime.bus_config import BusConfig, claim
+from services.runtime.zenoh_log import read_along
 
 LEASE_ms = 500
 QUEUE = 16
@@ -48,6 +49,7 @@ class ZenohBus:
     """One session. Made by `open_bus`; `subscribe` and `watch` want a running loop, into which they deliver."""
 
     def __init__(self, session: zenoh.Session, config: BusConfig) -> None:
+        self.log = config.log
         self._session = session
         self._prefix = config.prefix
         self._publishers: dict[str, list[zenoh.Publisher]] = {}
@@ -216,10 +218,11 @@ def open_bus(config: BusConfig, name: str) -> Generator[ZenohBus]:
     """
     if not config.settings:
         os.environ.setdefault("ZENOH_RUNTIME", RUNTIME)
-    if config.log_levels:
-        zenoh.init_log_from_env_or(config.log_levels)
     is_service = name in config.services
     with ExitStack() as stack:
+        if config.log:
+            stack.enter_context(read_along(config.log))
+            zenoh.init_log_from_env_or(config.log.levels)
         stack.enter_context(claim(config, name) if is_service else nullcontext())
         closing = stack.enter_context(ExitStack())  # what must outlive the session
         session = stack.enter_context(zenoh.open(session_config(config, name)))

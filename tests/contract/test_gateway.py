@@ -16,10 +16,13 @@ from services.runtime.virtual import VirtualClock, run_virtual
 
 CONFIG = load("drone")
 WAY_s = 0.02
+PREFIX, ACCESS = "clew/@v1/t/", "zenoh::net::routing::interceptor::access_control"
 
 
 class RadioMemoryBus(MemoryBus):
     """A memory bus with the ground's clock at the far end of a radio."""
+
+    log = None
 
     def __init__(self, lead_ns: int):
         super().__init__()
@@ -84,21 +87,52 @@ def test_strangers_and_twins_are_named():
     assert watch.connects == 4
 
 
+def from_log(target: str, text: str, level: str = "WARN") -> str:
+    return f"2026-11-24T19:35:58.331140Z  {level} rx-5 ThreadId(07) {target}: {text}"
+
+
 def test_what_zenoh_says_of_a_refused_session_is_counted():
-    refusals = Refusals()
+    refusals = Refusals(PREFIX)
     assert str(refusals) == ""
-    plain = "2026-11-24T19:35:58.331140Z  WARN rx-5 ThreadId(07) zenoh_link_tls::unicast: peer sent no certificates. Hint: x"
-    coloured = plain.replace("zenoh_link_tls::unicast:", "\x1b[2mzenoh_link_tls::unicast\x1b[0m\x1b[2m:\x1b[0m")
-    for line in (plain, coloured, "ERROR zenoh::api::session: Received Data for unknown expr_id: 1"):
-        refusals.note(line)
-    assert str(refusals) == "2 sessions refused (peer sent no certificates)"
-    refusals.note(
-        "2026-11-24T19:35:58Z  WARN rx-5 ThreadId(07) zenoh_link_commons::quic::unicast: QUIC acceptor failed: "
-        'TransportError(Error { code: Code::crypto(2d), frame: None, reason: "invalid peer certificate: Expired" }) Hint: x'
-    )
-    assert str(refusals) == "3 sessions refused (invalid peer certificate: Expired)"
-    refusals.note(
-        "2026-11-24T19:35:58Z  WARN rx-5 ThreadId(07) zenoh_link_commons::quic::unicast: QUIC acceptor failed: "
+    tls, quic = "zenoh_link_tls::unicast", "zenoh_link_commons::quic::unicast"
+    assert refusals.note(from_log(tls, "peer sent no certificates. Hint: x"))
+    assert refusals.note(from_log("zenoh::api::session", "Received Data for unknown expr_id: 1", "ERROR"))
+    assert str(refusals) == "1 sessions refused (peer sent no certificates)"
+    failed = "QUIC acceptor failed: "
+    why = 'TransportError(Error { code: Code::crypto(2d), frame: None, reason: "invalid peer certificate: Expired" }) Hint: x'
+    refusals.note(from_log(quic, failed + why))
+    assert str(refusals) == "2 sessions refused (invalid peer certificate: Expired)"
+    gave_up = (
         'ConnectionClosed(ConnectionClose { error_code: APPLICATION_ERROR, frame_type: None, reason: b"" }) Hint: x'
     )
-    assert refusals.count == 3, "who gave up was not refused"
+    refusals.note(from_log(quic, failed + gave_up))
+    assert refusals.sessions == 2, "who gave up was not refused"
+
+
+def test_a_deed_that_the_access_rules_refuse_is_counted_by_name_and_their_look_ups_are_not():
+    """As Zenoh 1.10 logs it: the session has two links, so what is not remembered of a key is said twice."""
+    refusals = Refusals(PREFIX)
+    subjects = [
+        f"a1 on Interface(radio)+CertCommonName(viewer:screen)+Transport({link})+a1" for link in ("Quic", "Tls")
+    ]
+
+    def said(*texts: str) -> str:
+        assert not any(refusals.note(from_log(ACCESS, text, "TRACE")) for text in texts), "a line for each message"
+        return str(refusals)
+
+    key = f"{PREFIX}guidance/command"
+    looked_up = [
+        f"{who} is unauthorized to {what} (ingress) on {key}" for what in ("Query", "Put", "Delete") for who in subjects
+    ]
+    assert said(f"ACL (ingress): caching permissions for `{key}` ...", *looked_up) == ""
+    assert said(f"Using cached result: a1 is authorized to Put (egress) on {key}") == ""
+    assert said(f"Using cached result: a1 is unauthorized to Put (ingress) on {key}") == (
+        "1 times denied (put guidance/command by viewer:screen)"
+    )
+    said(*(f"{who} is unauthorized to Put (ingress) on {PREFIX}**" for who in subjects))
+    said(*(f"{who} is unauthorized to Liveliness Token (ingress) on {PREFIX}@alive/px4_bridge" for who in subjects))
+    assert refusals.denied == {
+        "put guidance/command by viewer:screen": 1,
+        "put another key by viewer:screen": 1,
+        "token @alive/px4_bridge by viewer:screen": 1,
+    }

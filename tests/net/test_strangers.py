@@ -18,7 +18,7 @@ import pytest
 
 from schemas.topics import GUIDANCE, TOPICS
 from services.gateway import certs
-from tests.net.two_hosts import GROUND_IP, TwoHosts, lines, read_until, stop
+from tests.net.two_hosts import GROUND_IP, NAMES, TwoHosts, lines, read_until, stop
 
 PREFIX = "clew/@v1/t/"
 ALL = [f"{PREFIX}{topic.key}" for topic in TOPICS]
@@ -28,7 +28,12 @@ COMMAND = json.dumps(
         **{key: {"x": 1.0, "y": 1.0, "z": 1.0} for key in ("p_H_d_m", "p_R_d_m", "f_d_N", "u_A_N")},
     }
 )  # fmt: skip
-
+SLANDER = (
+    "x\n\x1b[2m2026-11-29T01:30:58.689343Z\x1b[0m \x1b[35mTRACE\x1b[0m rx-0 ThreadId(14) "
+    "\x1b[2mzenoh::net::routing::interceptor::access_control\x1b[0m\x1b[2m:\x1b[0m "
+    f"b1 on CertCommonName(drone:drone) is unauthorized to Put (ingress) on {PREFIX}safety/state"
+)
+"""A key that looks like a line of the gateway's log."""
 
 QUIC, TLS = f"quic/{GROUND_IP}:7447?mixed_rel=1;prio=1-1", f"tls/{GROUND_IP}:7450?prio=6-7"
 
@@ -88,6 +93,13 @@ def told(hosts: TwoHosts) -> str:
     profile = str(hosts.folder / "ground.toml")
     _, out, _ = hosts.run("ground", sys.executable, "-P", "-m", "services.console.cli", "status", "--profile", profile)
     return next(line for line in out.splitlines() if "ground_gateway" in line)
+
+
+def denied(hosts: TwoHosts) -> dict[str, int]:
+    """What `clew link` on the ground says that the access rules refused."""
+    words = ("link", "--profile", str(hosts.folder / "ground.toml"), "--json")
+    _, out, _ = hosts.run("ground", sys.executable, "-P", "-m", "services.console.cli", *words)
+    return {deed: count for deed, count in json.loads(out)["refused"].items() if " by " in deed}
 
 
 def count(status: str) -> int:
@@ -155,7 +167,8 @@ def test_who_has_no_valid_certificate_does_not_get_a_session(hosts: TwoHosts, tm
 @pytest.mark.parametrize("name", ["screen", "console"])
 def test_a_role_may_do_what_the_table_says_and_no_more(hosts: TwoHosts, name):
     ear = Ear(hosts, GUIDANCE.key, "safety/state")
-    puts = [[PREFIX + key, COMMAND] for key in (GUIDANCE.key, "safety/state", "**", "guidance/*", "setpoint/sent")]
+    keys = (GUIDANCE.key, "safety/state", "**", "guidance/*", "setpoint/sent", SLANDER)
+    puts = [[PREFIX + key, COMMAND] for key in keys]
     seen = stranger(
         hosts,
         tls(hosts.folder / "certs", name),
@@ -169,6 +182,18 @@ def test_a_role_may_do_what_the_table_says_and_no_more(hosts: TwoHosts, name):
     assert seen["open"], seen
     assert seen["heard"].get(f"{PREFIX}radio/clock", 0) > 0, "it may watch"
     assert seen["answers"] == [f"{PREFIX}@clock/ground"], "and ask the time"
+    counted, who = denied(hosts), f"{NAMES[name]}:{name}"
+    for deed in (
+        "put guidance/command",
+        "put safety/state",
+        "put setpoint/sent",
+        "put another key",
+        "delete guidance/command",
+    ):
+        assert counted[f"{deed} by {who}"] > 10, counted
+    assert counted[f"token @alive/px4_bridge by {who}"] > 0
+    assert not [deed for deed in counted if deed.endswith(("drone:drone", "ground:ground", "somebody"))], counted
+    assert f"by {who}" in told(hosts)
     speak(hosts)
     taken, refused = ear.heard()
     assert {entry["key"] for entry in taken} == {GUIDANCE.key}
@@ -184,6 +209,7 @@ def test_the_operator_commands_and_the_viewer_does_not(hosts: TwoHosts):
         taken, refused = ear.heard()
         assert taken == [], "its stamp is from long ago"
         assert bool(refused.get("@cmd/request")) is arrives
+        assert (f"put @cmd/request by {NAMES[name]}:{name}" in denied(hosts)) is not arrives
 
 
 def test_a_name_that_is_not_in_the_profile_is_shut_out_and_named(hosts: TwoHosts):
@@ -238,6 +264,7 @@ def test_monsters_and_thousands_of_keys_do_not_disturb_the_flow(hosts: TwoHosts)
     assert max(gaps) < 1.0
     assert refused == {}
     assert "drone:drone" in told(hosts)
+    assert denied(hosts)["put another key by operator:console"] > 100
 
 
 def test_a_replay_on_the_ground_itself_is_refused_and_counted(hosts: TwoHosts):

@@ -38,6 +38,8 @@ class AheadClock(VirtualClock):
 class Radio:
     """Carries what a host says to the other, late, thinned as the table has it, in order for each topic."""
 
+    log = None
+
     def __init__(self, buses: dict[str, MemoryBus], config: Config, one_way_s: tuple[float, float] = ONE_WAY_S) -> None:
         self.down = False
         self._one_way_s = one_way_s
