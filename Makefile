@@ -10,9 +10,9 @@ demo: .venv/.ready
 test: .venv/.ready
 	$(BIN)/python -m pytest --numprocesses=auto --no-loadscope-reorder
 
-# Real processes killed, stopped, starved in flight, and beside them the whole campaign of faults on virtual time.
+# Real processes broken in flight, one flight after the other (9 minutes), and the whole campaign of faults on virtual time.
 test-faults: .venv/.ready
-	$(BIN)/python -m pytest -m faults --numprocesses=2 --no-loadscope-reorder tests
+	$(BIN)/python -m pytest -m faults tests
 
 # Needs root: two network namespaces with a bad radio between them.
 test-net: .venv/.ready

@@ -3,15 +3,13 @@
 import pytest
 from xdist.scheduler import LoadScopeScheduling
 
-REAL_TIME = ("tests/system/", "tests/processes/")
-
 
 class Shared(LoadScopeScheduling):
-    """What lives in real time one after the other, and beside it, file by file, all that is only computed."""
+    """tests/system one after the other, and beside them, file by file, all that is only computed."""
 
     def _split_scope(self, nodeid: str) -> str:
         file = nodeid.split("::")[0]
-        return "system" if file.startswith(REAL_TIME) else file
+        return "system" if file.startswith("tests/system/") else file
 
 
 def pytest_xdist_make_scheduler(config: pytest.Config, log) -> Shared:
@@ -20,4 +18,4 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log) -> Shared:
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """The longest part begins first."""
-    items.sort(key=lambda item: not item.nodeid.startswith(REAL_TIME))
+    items.sort(key=lambda item: not item.nodeid.startswith("tests/system/"))

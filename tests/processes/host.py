@@ -4,6 +4,7 @@ import os
 import subprocess
 from collections.abc import Generator, Iterable
 from contextlib import contextmanager, suppress
+from functools import cache
 from pathlib import Path
 
 TICKS_PER_S = os.sysconf("SC_CLK_TCK")
@@ -29,6 +30,7 @@ def _stolen_s() -> float:
     return int(words[8]) / TICKS_PER_S
 
 
+@cache
 def may_go_first() -> bool:
     """Whether this user may have real-time priorities, as a host has them where Clew is installed."""
     return subprocess.run(["chrt", "-f", "1", "true"], capture_output=True, check=False).returncode == 0
@@ -50,10 +52,13 @@ def go_with_the_others(pid: int) -> None:
 
 @contextmanager
 def real_time(priority: int) -> Generator[None]:
-    """For this thread, not for what it starts; without a word where that is not permitted."""
+    """For this thread and all that it starts, Zenoh's threads above all: they hold the interpreter's lock in their callbacks.
+
+    Without a word where that is not permitted.
+    """
     policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
     with suppress(PermissionError):
-        os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
     try:
         yield
     finally:

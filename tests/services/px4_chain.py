@@ -13,7 +13,7 @@ from schemas.topics import SAFETY_STATE
 from services.config import Config, load
 from services.px4_bridge import service as bridge
 from services.rehearsal.chain import ON_THE_BUS_ONLY, Flight, Runs, Stage, perform
-from services.rehearsal.meddled_bus import MeddledBus
+from services.runtime.memory_bus import MemoryBus
 from services.runtime.node import Node
 from services.runtime.virtual import VirtualClock, run_virtual
 from services.simulator import px4_process
@@ -62,7 +62,7 @@ async def started(stage: Stage) -> None:
 
 
 async def _flight(config: Config, script: Script, hil: Px4Hil) -> Flight:
-    clock, bus = VirtualClock(), MeddledBus()
+    clock, bus = VirtualClock(), MemoryBus()
     port = int(config.px4_bridge.link.url.rsplit(":", 1)[1])
     vehicle = Px4Vehicle(config.px4_bridge.vehicle, clock.now_ns, hil, port)
 
