@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from schemas.estimation import CableForce
+from schemas.estimation import CableForce, Tare
 from schemas.message import Vec3
 from schemas.topics import CABLE_FORCE, HANDLE_STATE, MOCAP_SEEN, ROBOT_POSE, VEHICLE_STATE
 from schemas.tracking import HandleSource, HandleState, MocapFrame, RobotPose
@@ -11,12 +11,14 @@ from services.config import Config
 from services.physics import Array
 from services.runtime.node import Node, used
 from services.runtime.readers import Latest
-from services.tracker import axes, filtering, robot
+from services.tracker import axes, filtering, hand, robot
 from services.tracker.filtering import Sample
 from services.tracker.robot import Belief
 from services.tracker.sources import Source, open_source
 
 LONGEST_STEP_S = 0.5
+ELSEWHERE = "the robot is seen where it does not fly"
+DOUBTED = "the handle is seen where the cable does not lead"
 
 
 async def run(node: Node, config: Config) -> None:
@@ -30,7 +32,7 @@ async def track(node: Node, config: Config, source: Source) -> None:
     p = config.tracker
     vehicle, force = node.latest(VEHICLE_STATE), node.latest(CABLE_FORCE)
     handles, robots = node.publisher(HANDLE_STATE), node.publisher(ROBOT_POSE)
-    hand, body, world, last_ns = filtering.start(), robot.start(), axes.start(), 0
+    held, body, world, last_ns = hand.start(), robot.start(), axes.start(), 0
     async for taken in source.frames:
         frame = taken if taken.seq else node.publisher(MOCAP_SEEN).publish(taken)
         dt = min(max((frame.stamp_ns - last_ns) * 1e-9, 1e-4), LONGEST_STEP_S)
@@ -46,14 +48,15 @@ async def track(node: Node, config: Config, source: Source) -> None:
             robots.publish(_pose(frame, inputs))
         jumped = seen.sample == Sample.JUMP
         tracked = frame.handle.tracked and not jumped
-        hand, found = filtering.step(hand, frame.handle.position_m.array(), tracked, dt, p.handle)
+        led = _led(vehicle, force, config, hand.TAUT_N) if _zeroed(force) else None
+        aloft = vehicle.message is not None and vehicle.message.in_air
+        held, found = hand.step(held, frame.handle.position_m.array(), tracked, led, aloft, dt, p.handle)
+        # What contradicts itself is not guessed either: the world may have jumped, or the bodies changed places.
+        against = wrong or ELSEWHERE * (jumped and not found.valid) or DOUBTED * held.doubted
         message = _seen(found, p.handle.tau_s) if found.valid else _guessed(vehicle, force, config)
-        if (
-            jumped and not found.valid
-        ):  # so may the world have, or the bodies changed places: then nothing is to be guessed
-            message = _nothing("the robot is seen where it does not fly")
-        message = _nothing(wrong) if wrong else message
-        node.status = source.trouble() or wrong or f"handle by {message.source}, robot {_said(seen, z_R, belief)}"
+        message = _nothing(against) if against else message
+        said = wrong or DOUBTED * held.doubted
+        node.status = source.trouble() or said or f"handle by {message.source}, robot {_said(seen, z_R, belief)}"
         handles.publish(message.model_copy(update={"stamp_ns": frame.stamp_ns, "inputs": inputs}))
 
 
@@ -94,15 +97,27 @@ def _seen(found: filtering.Output, tau_s: float) -> HandleState:
 
 def _guessed(vehicle: Latest[VehicleState], force: Latest[CableForce], config: Config) -> HandleState:
     """From the robot and the cable force while the cable is taut (last remark), without a velocity."""
-    robot, pull = vehicle.value, force.value
-    if robot is None or pull is None:
+    robot = vehicle.value
+    if robot is None or force.value is None:
         return _nothing("handle hidden, no vehicle or force to go by")
-    p_H, usable = filtering.fallback(
-        robot.position_m.array(), pull.force_N.array(), config.cable, config.tracker.fallback_force_min_N
-    )
-    if not usable:
+    p_H = _led(vehicle, force, config, config.tracker.fallback_force_min_N)
+    if p_H is None:
         return _nothing("handle hidden, cable not taut enough to show it")
     return _state(p_H, robot.velocity_mps.array(), HandleSource.CABLE, 0.0)
+
+
+def _zeroed(force: Latest[CableForce]) -> bool:
+    """What is not zeroed may be bias as well as pull (G8)."""
+    return force.value is not None and force.value.tare is Tare.PASSED
+
+
+def _led(vehicle: Latest[VehicleState], force: Latest[CableForce], config: Config, taut_N: float) -> Array | None:
+    """Where a cable leads that pulls with more than `taut_N`, (3,) m; the floor under a landing vehicle pushes instead."""
+    robot, pull = vehicle.value, force.value
+    if robot is None or pull is None or pull.force_N.z < 0.0:
+        return None
+    p_H, usable = filtering.fallback(robot.position_m.array(), pull.force_N.array(), config.cable, taut_N)
+    return p_H if usable else None
 
 
 def _nothing(why: str) -> HandleState:

@@ -53,6 +53,7 @@ from tests.services.alone import (
 CONFIG = load("demo")
 HAND = CONFIG.guided_path.p(0.2)
 PULL = np.array([1.2, 0.0, 1.0])
+SLACK = np.array([0.0, 0.0, 0.2])
 ABOVE = HAND + cable.offset(PULL, CONFIG.cable)
 
 
@@ -74,7 +75,7 @@ def tracked(frames: Feed, seconds: float = 1.0, *, pull: Array | None = PULL) ->
 
 def test_the_tracker_answers_each_frame_with_its_hand_and_its_robot():
     velocity = np.array([0.5, -0.2, 0.0])
-    said = tracked(lambda t_s: frame(ABOVE, HAND + velocity * t_s))
+    said = tracked(lambda t_s: frame(ABOVE, HAND + velocity * t_s), pull=SLACK)
     frames = {m.seq: m for m in said[MOCAP_FRAME.key]}
     late = since(said, HANDLE_STATE, 0.6)
     assert len(late) == len(since(said, MOCAP_FRAME, 0.6))
@@ -121,9 +122,17 @@ def test_a_hidden_handle_is_found_at_the_end_of_the_taut_cable():
     assert len(since(said, ROBOT_POSE, 0.5)) == len(since(said, MOCAP_FRAME, 0.5))
 
 
-@pytest.mark.parametrize(
-    ("pull", "why"), [(np.array([0.0, 0.0, 0.2]), "not taut"), (None, "no vehicle or force")], ids=["slack", "silent"]
-)
+def test_a_handle_that_is_seen_where_the_cable_does_not_lead_is_nowhere():
+    """It is neither believed nor guessed: one of both is wrong."""
+    said = tracked(lambda t_s: frame(ABOVE, HAND + (0.0 if t_s < 0.5 else 0.5)), 1.5)
+    for m in since(said, HANDLE_STATE, 0.5 + CONFIG.tracker.handle.lost_s + 0.03):
+        assert not m.valid
+        assert m.source is HandleSource.NONE
+        assert "where the cable does not lead" in m.invalid_reason
+    assert since(said, HANDLE_STATE, 1.2)
+
+
+@pytest.mark.parametrize(("pull", "why"), [(SLACK, "not taut"), (None, "no vehicle or force")], ids=["slack", "silent"])
 def test_a_hidden_handle_without_a_pull_is_nowhere(pull, why):
     said = tracked(lambda t_s: frame(ABOVE, HAND if t_s < 0.3 else None), 1.0, pull=pull)
     lost = since(said, HANDLE_STATE, 0.3 + CONFIG.tracker.handle.lost_s + 0.03)

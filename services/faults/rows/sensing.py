@@ -21,8 +21,9 @@ def sensing() -> Iterator[Fault]:
         side = f"{'minus' if by_m < 0 else 'plus'}_{axis}"
         about = f"the handle's marker set jumps by {by_m:+.1f} m along {axis}"
         yield Fault(
-            f"handle_jumps_{side}", S, about, Reaction.ANY, 0.0, _frames(_jump("handle", axis, by_m)), watch_s=6.0
-        )
+            f"handle_jumps_{side}", S, about, Reaction.EASE, 0.4, _frames(_jump("handle", axis, by_m)), watch_s=6.0,
+            family="handle jumps",
+        )  # fmt: skip
     yield Fault("robot_lost", S, "motion capture loses the vehicle", Reaction.LAND, 3.0, _frames(_hidden("robot")), watch_s=9.0,
                 exempt=SINKS)  # fmt: skip
     yield Fault(
