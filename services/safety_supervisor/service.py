@@ -20,7 +20,7 @@ from schemas.topics import (
     SETPOINT,
     VEHICLE_STATE,
 )
-from schemas.tracking import HandleSource
+from schemas.tracking import HIDDEN, HandleSource
 from schemas.vehicle import FlightMode
 from services.config import Config
 from services.physics import Array, norm
@@ -99,7 +99,7 @@ async def run(node: Node, config: Config) -> None:
         seen = _seen(action, active, senses, bool(person.held.held), path.p(1.0))
         state, decision = phases.step(state, seen, tick.dt_s, route, p.times)
         if request:
-            requests.answered(_reply(request, state, active))
+            requests.answered(_reply(request, state, active, senses))
         for reply in requests.replies():
             replies.publish(reply)
         node.status = f"{state.phase} {state.why}".strip()
@@ -225,7 +225,7 @@ def _seen(action: Action | None, active: list[Rule], senses: Senses, is_held: bo
 
 def _reasons(state: phases.PhaseState, active: list[Rule], senses: Senses) -> list[str]:
     """The gravest first; then why this phase was entered, and what zeroing says."""
-    texts = [f"{rule.text}: {rule.cure}" for rule in active]
+    texts = [f"{rule.text}: {_cause(rule, senses) or rule.cure}" for rule in active]
     if state.operator_level >= Level.EASE:
         told = f"a person asked to {state.operator_level.name.lower()}"
         texts.insert(0, f"{told}: clew resume goes on" if state.operator_level < Level.LAND else told)
@@ -235,11 +235,20 @@ def _reasons(state: phases.PhaseState, active: list[Rule], senses: Senses) -> li
     return texts + ([state.why] if state.why else [])
 
 
-def _reply(request: OperatorRequest, state: phases.PhaseState, active: list[Rule]) -> OperatorReply:
+def _cause(rule: Rule, senses: Senses) -> str:
+    """Of a hidden handle the tracker may know more: which body there is not, or that the world lies on its side."""
+    hand = senses.handle.message
+    if hand is None or hand.valid or hand.invalid_reason.startswith(HIDDEN) or not rule.name.startswith("handle_"):
+        return ""
+    return hand.invalid_reason
+
+
+def _reply(request: OperatorRequest, state: phases.PhaseState, active: list[Rule], senses: Senses) -> OperatorReply:
     """What came of a request, in words."""
     not_started = request.action is Action.START and state.phase is Phase.IDLE
     limited = [rule for rule in active if rule.level >= Level.EASE]
     not_resumed = request.action is Action.RESUME and (state.phase is Phase.HOLD or bool(limited))
     refused = not_started or not_resumed
-    text = "; ".join(rule.text for rule in active) or "not ready" if refused else f"phase {state.phase}"
+    why = "; ".join(": ".join(filter(None, (rule.text, _cause(rule, senses)))) for rule in active)
+    text = why or "not ready" if refused else f"phase {state.phase}"
     return OperatorReply(request_id=request.request_id, accepted=not refused, text=text)
