@@ -28,6 +28,8 @@ class MocapFrame(Message):
     robot: RigidBody
     handle: RigidBody
     stamped_by: StampedBy = StampedBy.SOURCE
+    trouble: str = ""
+    """What keeps a body away, in words, where the capture system or its driver tells."""
 
 
 class RobotPose(Message):
@@ -43,6 +45,10 @@ class HandleSource(StrEnum):
     MOCAP = "mocap"
     CABLE = "cable"  # from the robot and the cable force, while the handle is hidden
     NONE = "none"
+
+
+HIDDEN = "handle hidden"
+"""Thus begins the `invalid_reason` of a HandleState where no cause is known."""
 
 
 class HandleState(Message):

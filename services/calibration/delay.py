@@ -7,7 +7,9 @@
 
 From a pose to one 0.1 s later the vehicle turned by what the gyroscope's rates add up to between the moments that the poses show:
 the stamps less the delay. The delay is the one that leaves least of the difference, with a constant bias of the gyroscope
-in it. Both clocks are the host's. The frames of marker body and inertial unit must be the same: where they are not, much is left.
+in it. A rate is the mean over the time since the sample before, as in PX4's HIGHRES_IMU: taken as that of its moment it
+would make the delay half a sample too short. Both clocks are the host's. The frames of marker body and inertial unit must
+be the same: where they are not, much is left.
 """
 
 from typing import NamedTuple
@@ -84,8 +86,8 @@ def _rotation(first: Array, then: Array) -> Array:
 
 
 def _integral(t_s: Array, rate: Array) -> Array:
-    """Of the rates from the first sample on, trapezoids, (M, 3)."""
-    pieces = 0.5 * (rate[1:] + rate[:-1]) * np.diff(t_s)[:, None]
+    """Of the rates from the first sample on, (M, 3)."""
+    pieces = rate[1:] * np.diff(t_s)[:, None]
     return np.concatenate((np.zeros((1, rate.shape[1])), np.cumsum(pieces, axis=0)))
 
 

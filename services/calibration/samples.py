@@ -3,23 +3,27 @@
 Everything is by topic: a table of columns (recorder/table.py) with `t_s`, s on one clock.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from schemas.message import Message
 from schemas.safety import Phase
-from schemas.topics import MOCAP_FRAME, ROBOT_POSE, SAFETY_STATE, VEHICLE_IMU, VEHICLE_STATE, Topic
+from schemas.topics import MOCAP_FRAME, MOCAP_SEEN, ROBOT_POSE, SAFETY_STATE, VEHICLE_IMU, VEHICLE_STATE, Topic
 from schemas.vehicle import ThrustSource
 from services.calibration.fit import Unfit
 from services.calibration.thrust import Flight
+from services.physics import rotate
 from services.recorder.table import Array, Table
+
+MOCAP = (MOCAP_FRAME, MOCAP_SEEN)
+"""Where frames of motion capture are: simulated ones, or those of a real system. Only one of them is ever heard."""
 
 TOPICS: Mapping[str, tuple[Topic[Message], ...]] = {
     "thrust": (VEHICLE_IMU, VEHICLE_STATE, SAFETY_STATE),
     "mass": (VEHICLE_IMU, VEHICLE_STATE, SAFETY_STATE),
-    "handle": (MOCAP_FRAME,),
+    "handle": MOCAP,
     "delay": (VEHICLE_IMU, ROBOT_POSE),
 }
 """What each calibration listens to."""
@@ -27,6 +31,7 @@ TOPICS: Mapping[str, tuple[Topic[Message], ...]] = {
 UNHELD = (Phase.IDLE, Phase.TAKEOFF, Phase.ZEROING, Phase.CLEARING)
 """Phases in which nobody has a hand on the handle; in a flight by remote control it stays idle."""
 LIFTED_M = 0.15
+_NONE: Table = {"t_s": np.zeros(0)}
 
 Tables = Mapping[str, Table]
 
@@ -68,11 +73,17 @@ def motors(tables: Tables) -> Motors:
     return Motors(ThrustSource(imu["thrust_source"][-1]), imu["thrust_N"])
 
 
-def handle_poses(tables: Tables) -> tuple[Array, Array]:
-    """Poses of the handle's markers while they are seen, (N, 3), (N, 4). Raises Unfit."""
-    frames = _heard(tables, MOCAP_FRAME.key)
+def handle_poses(tables: Tables, offset_m: Sequence[float]) -> tuple[Array, Array, Array]:
+    """Stamps (N,) and poses (N, 3), (N, 4) of the handle's markers while they are seen. Raises Unfit.
+
+    Frames tell where O_H was believed to be: that belief, `offset_m` in the markers' frame (3,), is taken out again.
+    """
+    key = next((topic.key for topic in MOCAP if len(tables.get(topic.key, _NONE)["t_s"])), MOCAP_FRAME.key)
+    frames = _heard(tables, key)
     seen = frames["handle.tracked"]
-    return frames["handle.position_m"][seen], frames["handle.q_WB_wxyz"][seen]
+    q = frames["handle.q_WB_wxyz"][seen]
+    p = frames["handle.position_m"][seen] - rotate(q, np.broadcast_to(offset_m, (len(q), 3)))
+    return frames["t_s"][seen], p, q
 
 
 def attitudes(tables: Tables) -> tuple[Array, Array, Array, Array]:

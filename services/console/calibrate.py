@@ -3,7 +3,7 @@
 import asyncio
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from datetime import datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -13,7 +13,7 @@ import numpy as np
 from pydantic_core import from_json
 
 from schemas.message import Message
-from schemas.topics import MOCAP_FRAME, Topic
+from schemas.topics import Topic
 from services.calibration import delay, handle, result, samples, thrust
 from services.calibration.fit import Unfit
 from services.calibration.layer import calibration_file
@@ -117,10 +117,10 @@ def _listened(asked: Asked) -> Heard:
     heard: dict[str, list[Message]] = {}
 
     async def listen(node: Node, _bus: object) -> int:
-        topics = [t for t in samples.TOPICS[asked.kind] if t is not MOCAP_FRAME]
+        topics = [t for t in samples.TOPICS[asked.kind] if t not in samples.MOCAP]
         tasks = [asyncio.create_task(_keep(node, topic, heard.setdefault(topic.key, []))) for topic in topics]
-        if MOCAP_FRAME in samples.TOPICS[asked.kind]:
-            tasks.append(asyncio.create_task(_watch(node, config, heard.setdefault(MOCAP_FRAME.key, []))))
+        if len(topics) < len(samples.TOPICS[asked.kind]):
+            tasks.append(asyncio.create_task(_watch(node, config, heard)))
         await asyncio.sleep(asked.seconds)
         for task in tasks:
             task.cancel()
@@ -139,11 +139,10 @@ async def _keep(node: Node, topic: Topic[Message], into: list[Message]) -> None:
         into.append(message)
 
 
-async def _watch(node: Node, config: Config, into: list[Message]) -> None:
-    """The capture system itself, as the tracker opens it but where its own origin of the handle is: that is what is sought."""
-    p = config.tracker
-    bare = p.mocap and replace(p.mocap, handle=replace(p.mocap.handle, offset_m=(0.0, 0.0, 0.0)))
-    async with open_source(replace(p, mocap=bare), node) as source:
+async def _watch(node: Node, config: Config, heard: dict[str, list[Message]]) -> None:
+    """The capture system itself, as the tracker opens it."""
+    async with open_source(config.tracker, node) as source:
+        into = heard.setdefault(source.topic.key, [])
         async for frame in source.frames:
             into.append(frame)
 
@@ -212,14 +211,13 @@ def _mass(asked: Asked, heard: list[Heard]) -> Outcome:
 
 def _handle(asked: Asked, heard: list[Heard]) -> Outcome:
     (only,) = _one(asked, heard)
-    p, q = samples.handle_poses(only.tables)
+    system = only.config.tracker.mocap
+    t_s, p, q = samples.handle_poses(only.tables, system.handle.offset_m if system else (0.0, 0.0, 0.0))
     found = handle.handle(p, q)
     x, y, z = map(float, found.offset)
     said = result.HandleResult(
         offset_m=(x, y, z),
-        found=_found(
-            heard, len(p) / MOCAP_FRAME.rate_Hz, found.left_m, HANDLE_LEFT_MAX_M, "m from O_H", found.fit.condition
-        ),
+        found=_found(heard, float(np.ptp(t_s)), found.left_m, HANDLE_LEFT_MAX_M, "m from O_H", found.fit.condition),
     )
     words = f"handle: O_H is {1000 * x:.1f}, {1000 * y:.1f}, {1000 * z:.1f} mm from the markers' origin, in their frame"
     return Outcome(said, words, "did the cable's end stay where it was?")
@@ -229,8 +227,12 @@ def _delay(asked: Asked, heard: list[Heard]) -> Outcome:
     (only,) = _one(asked, heard)
     found = delay.delay(*samples.attitudes(only.tables))
     left = found.left_rad_s / found.rate_rad_s
+    if found.delay_s < -DELAY_SIGMA_MAX_S:
+        raise Unfit(
+            f"poses are stamped {-1000 * found.delay_s:.1f} ms before they were true: the clocks of vehicle and poses differ"
+        )
     said = result.DelayResult(
-        delay_s=found.delay_s,
+        delay_s=max(found.delay_s, 0.0),  # the least that PX4 has
         sigma_s=found.sigma_s,
         found=_found(heard, found.seconds, left, DELAY_LEFT_MAX, "of the body rate", found.condition),
     )

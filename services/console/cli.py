@@ -88,11 +88,12 @@ def up(
 def preflight(
     profile: Profile = "demo",
     fix: Annotated[bool, typer.Option("--fix", help="set the autopilot's parameters as the profile has them")] = False,
+    sessions: Annotated[Path, typer.Option(help="where recordings are, for the last zeroing")] = Path("sessions"),
 ) -> None:
     """What stands against a flight, in the order in which to mend it; the system must not run meanwhile."""
     from services.console import preflight as checks
 
-    raise typer.Exit(checks.preflight(profile, fix))
+    raise typer.Exit(checks.preflight(profile, fix, sessions))
 
 
 @app.command()

@@ -1,4 +1,4 @@
-"""`clew preflight`: what stands against a flight, with cures, of what this host has: vehicle, motion capture, clocks.
+"""`clew preflight`: what stands against a flight, with cures, of what this host has: vehicle, motion capture, clocks, recordings.
 
 The bridge must not run meanwhile. Before it can say whether it may be armed, the autopilot wants poses, and set-points with
 offboard mode selected. It gets both for a few seconds, unarmed: poses from the capture system, or from a tracker that runs; as
@@ -9,6 +9,7 @@ import asyncio
 import sys
 from collections.abc import AsyncGenerator, Iterable
 from contextlib import asynccontextmanager, suppress
+from pathlib import Path
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from services.config import Config, load, told_in
 from services.console import vehicle_link
 from services.console.look import with_node
 from services.console.preflight_ground import look_at_capture, look_at_clocks
+from services.console.preflight_tare import look_at_tare
 from services.console.start import check_devices, check_radio, services_of
 from services.profile_file import ConfigError
 from services.px4_bridge.preflight import Estimate, Found, Identity, Reason, Thrust, Wanted, differing, reasons
@@ -31,11 +33,13 @@ _BATTERY_S, _REST_S, _STREAM_S = 3.0, 1.0, 1.0
 _READY_S = 12.0
 """PX4's heading is stable about 8 s after the first pose."""
 _PERIOD_S = 0.02
+SESSIONS = Path("sessions")
 
 
-def preflight(profile: str, fix: bool) -> int:
-    """Print the list. Returns the exit code: 0 for an empty one, 1 when something stands against it, 2 for bad input.
+def preflight(profile: str, fix: bool, sessions: Path = SESSIONS) -> int:
+    """Print the list; `sessions` is where recordings are.
 
+    Returns the exit code: 0 for an empty one, 1 when something stands against it, 2 for bad input.
     Bad input is a profile, a link that cannot be opened, and for a system on two hosts this one's certificates and addresses.
     """
     try:
@@ -48,7 +52,7 @@ def preflight(profile: str, fix: bool) -> int:
         return 2
 
     async def listed(node: Node, _bus: object) -> int:
-        return _print(await _look_at_all(config, node, fix))
+        return _print(await _look_at_all(config, node, fix) + look_at_tare(config, sessions))
 
     return with_node(profile, listed)
 

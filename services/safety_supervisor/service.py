@@ -20,13 +20,13 @@ from schemas.topics import (
     SETPOINT,
     VEHICLE_STATE,
 )
-from schemas.tracking import HandleSource
+from schemas.tracking import HIDDEN, HandleSource
 from schemas.vehicle import FlightMode
 from services.config import Config
-from services.physics import Array, norm
+from services.physics import Array, dot, norm
 from services.runtime.node import Node, Tick, used
 from services.runtime.readers import Latest
-from services.safety_supervisor import distances, held, phases, rules
+from services.safety_supervisor import absence, distances, held, phases, rules
 from services.safety_supervisor.novelty import Novelty
 from services.safety_supervisor.plan import hall, plan
 from services.safety_supervisor.requests import Requests
@@ -49,13 +49,15 @@ class Senses:
         self.clocks = node.latest(RADIO_CLOCK) if node.hosts.two else None
         measured = (self.handle, self.robot_pose, self.vehicle, self.force, self.guidance)
         self.novelty = {reader.topic.key: Novelty() for reader in measured}
+        self.absence = absence.State()
 
     def age_s(self, reader: Latest[Any]) -> float:
-        """Since a valid message last said something new; infinite for an invalid one or none."""
+        """Since a valid message last said something new, as far as it was listened to; infinite for an invalid one or none."""
         if reader.message is None or not reader.message.valid:
             return float("inf")
         novelty = self.novelty.get(reader.topic.key)
-        return reader.age_s if novelty is None else novelty.age_s(reader.message, reader.age_s)
+        age_s = reader.age_s if novelty is None else novelty.age_s(reader.message, reader.age_s)
+        return max(age_s - self.absence.away_s, 0.0)
 
     def inputs(self, tick: Tick) -> dict[str, int]:
         """What a verdict was made of."""
@@ -86,8 +88,10 @@ async def run(node: Node, config: Config) -> None:
     person = Person(held.start(p.held), path.t_hat(0.0))
     state, broken, stalls, requests = phases.PhaseState(), rules.initial(), 0, Requests()
     async for tick in node.ticks(SAFETY_STATE.rate_Hz):
+        missed_s = tick.missed / SAFETY_STATE.rate_Hz
+        senses.absence = absence.step(senses.absence, missed_s, tick.dt_s, p.limits.stall_s)
         person = _observe(person, senses, tick.dt_s, config)
-        facts = _facts(senses, person, tick.missed / SAFETY_STATE.rate_Hz, config)
+        facts = _facts(senses, person, missed_s, config)
         stalls += facts.stall_s > p.limits.stall_s
         request = requests.next(senses.requests.drain())
         action = request.action if request else None
@@ -95,7 +99,7 @@ async def run(node: Node, config: Config) -> None:
         seen = _seen(action, active, senses, bool(person.held.held), path.p(1.0))
         state, decision = phases.step(state, seen, tick.dt_s, route, p.times)
         if request:
-            requests.answered(_reply(request, state, active))
+            requests.answered(_reply(request, state, active, senses))
         for reply in requests.replies():
             replies.publish(reply)
         node.status = f"{state.phase} {state.why}".strip()
@@ -194,7 +198,7 @@ def _aside_N(senses: Senses, config: Config) -> float:
     length = float(norm(l_c))
     if not 0.0 <= length - config.cable.rest_length_m <= STRETCH_M:
         return 0.0
-    return float(norm(f_c - (f_c @ l_c) / length**2 * l_c))
+    return float(norm(f_c - dot(f_c, l_c) / length**2 * l_c))
 
 
 def _clock_uncertainty_s(senses: Senses) -> float:
@@ -221,7 +225,7 @@ def _seen(action: Action | None, active: list[Rule], senses: Senses, is_held: bo
 
 def _reasons(state: phases.PhaseState, active: list[Rule], senses: Senses) -> list[str]:
     """The gravest first; then why this phase was entered, and what zeroing says."""
-    texts = [f"{rule.text}: {rule.cure}" for rule in active]
+    texts = [f"{rule.text}: {_cause(rule, senses) or rule.cure}" for rule in active]
     if state.operator_level >= Level.EASE:
         told = f"a person asked to {state.operator_level.name.lower()}"
         texts.insert(0, f"{told}: clew resume goes on" if state.operator_level < Level.LAND else told)
@@ -231,11 +235,20 @@ def _reasons(state: phases.PhaseState, active: list[Rule], senses: Senses) -> li
     return texts + ([state.why] if state.why else [])
 
 
-def _reply(request: OperatorRequest, state: phases.PhaseState, active: list[Rule]) -> OperatorReply:
+def _cause(rule: Rule, senses: Senses) -> str:
+    """Of a hidden handle the tracker may know more: which body there is not, or that the world lies on its side."""
+    hand = senses.handle.message
+    if hand is None or hand.valid or hand.invalid_reason.startswith(HIDDEN) or not rule.name.startswith("handle_"):
+        return ""
+    return hand.invalid_reason
+
+
+def _reply(request: OperatorRequest, state: phases.PhaseState, active: list[Rule], senses: Senses) -> OperatorReply:
     """What came of a request, in words."""
     not_started = request.action is Action.START and state.phase is Phase.IDLE
     limited = [rule for rule in active if rule.level >= Level.EASE]
     not_resumed = request.action is Action.RESUME and (state.phase is Phase.HOLD or bool(limited))
     refused = not_started or not_resumed
-    text = "; ".join(rule.text for rule in active) or "not ready" if refused else f"phase {state.phase}"
+    why = "; ".join(": ".join(filter(None, (rule.text, _cause(rule, senses)))) for rule in active)
+    text = why or "not ready" if refused else f"phase {state.phase}"
     return OperatorReply(request_id=request.request_id, accepted=not refused, text=text)

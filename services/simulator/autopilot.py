@@ -189,7 +189,8 @@ def _heard(state: AutopilotState, inputs: Sequence[Input], p: Autopilot) -> tupl
     for item in inputs:
         match item:
             case Pose(p_W=p_W, age_s=age_s):
-                belief = estimator.correct(state.estimator, p_W, p.estimator, age_s)
+                late_s = age_s + 1e-3 * state.px4.get("EKF2_EV_DELAY", 0.0)
+                belief = estimator.correct(state.estimator, p_W, p.estimator, late_s)
                 estimate = state.estimate._replace(p_W=belief.p_W, v_W=belief.v_W)
                 state = state._replace(estimator=belief, estimate=estimate)
             case Target(setpoint=setpoint):

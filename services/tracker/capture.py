@@ -148,7 +148,8 @@ class Capture:
 
     def _frame(self, seen: Seen, stamped_by: StampedBy) -> MocapFrame:
         robot, handle = (_body(seen.poses.get(each.body), each) for each in (self._p.robot, self._p.handle))
-        return MocapFrame(stamp_ns=seen.stamp_ns, stamped_by=stamped_by, robot=robot, handle=handle)
+        stamp: dict[str, Any] = {"stamp_ns": seen.stamp_ns, "stamped_by": stamped_by, "trouble": self.trouble}
+        return MocapFrame(robot=robot, handle=handle, **stamp)
 
 
 def _body(pose: Pose | None, body: Body) -> RigidBody:

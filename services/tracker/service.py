@@ -5,10 +5,10 @@ import numpy as np
 from schemas.estimation import CableForce, Tare
 from schemas.message import Vec3
 from schemas.topics import CABLE_FORCE, HANDLE_STATE, MOCAP_SEEN, ROBOT_POSE, VEHICLE_STATE
-from schemas.tracking import HandleSource, HandleState, MocapFrame, RobotPose
+from schemas.tracking import HIDDEN, HandleSource, HandleState, MocapFrame, RobotPose
 from schemas.vehicle import VehicleState
 from services.config import Config
-from services.physics import Array
+from services.physics import Array, norm
 from services.runtime.node import Node, used
 from services.runtime.readers import Latest
 from services.tracker import axes, filtering, hand, robot
@@ -54,10 +54,16 @@ async def track(node: Node, config: Config, source: Source) -> None:
         # What contradicts itself is not guessed either: the world may have jumped, or the bodies changed places.
         against = wrong or ELSEWHERE * (jumped and not found.valid) or DOUBTED * held.doubted
         message = _seen(found, p.handle.tau_s) if found.valid else _guessed(vehicle, force, config)
+        against = against or (frame.trouble if _missed(frame, message, belief) else "")
         message = _nothing(against) if against else message
         said = wrong or DOUBTED * held.doubted
         node.status = source.trouble() or said or f"handle by {message.source}, robot {_said(seen, z_R, belief)}"
         handles.publish(message.model_copy(update={"stamp_ns": frame.stamp_ns, "inputs": inputs}))
+
+
+def _missed(frame: MocapFrame, message: HandleState, belief: Belief) -> bool:
+    """Whether a body is missing that is needed now: on the ground both, so that a start is refused with the cause."""
+    return not message.valid or not (belief.flying or frame.robot.tracked)
 
 
 def _belief(vehicle: Latest[VehicleState]) -> Belief:
@@ -77,7 +83,7 @@ def _axes(world: axes.State, frame: MocapFrame, dt: float, p: axes.Axes) -> axes
 
 
 def _said(seen: filtering.Output, z_R: Array, belief: Belief) -> str:
-    away = f" {np.linalg.norm(z_R - belief.p):.2f} m from where it flies" if belief.flying else ""
+    away = f" {norm(z_R - belief.p):.2f} m from where it flies" if belief.flying else ""
     return Sample(int(seen.sample)).name.lower() + (away if seen.sample == Sample.JUMP else "")
 
 
@@ -99,10 +105,10 @@ def _guessed(vehicle: Latest[VehicleState], force: Latest[CableForce], config: C
     """From the robot and the cable force while the cable is taut (last remark), without a velocity."""
     robot = vehicle.value
     if robot is None or force.value is None:
-        return _nothing("handle hidden, no vehicle or force to go by")
+        return _nothing(f"{HIDDEN}, no vehicle or force to go by")
     p_H = _led(vehicle, force, config, config.tracker.fallback_force_min_N)
     if p_H is None:
-        return _nothing("handle hidden, cable not taut enough to show it")
+        return _nothing(f"{HIDDEN}, cable not taut enough to show it")
     return _state(p_H, robot.velocity_mps.array(), HandleSource.CABLE, 0.0)
 
 

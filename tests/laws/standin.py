@@ -43,7 +43,10 @@ def at(p_W: Array) -> Setpoint:
 
 
 class Standin:
-    """One vehicle on the floor; `mocap_offset_W` shifts what motion capture says, None hides the vehicle."""
+    """One vehicle on the floor; `mocap_offset_W` shifts what motion capture says, None hides the vehicle.
+
+    What it says is `mocap_late_steps` old, which it does not say.
+    """
 
     def __init__(self, p: Autopilot | None = None) -> None:
         self.p = p or parameters()
@@ -52,6 +55,8 @@ class Standin:
         self.state = autopilot.initial(self.robot.p_W, self.robot.q_WB_wxyz, self.p)
         self.sensors = Sensors(np.array([0.0, 0.0, GRAVITY_MPS2]), np.zeros(3), self.robot.q_WB_wxyz)
         self.mocap_offset_W: Array | None = np.zeros(3)
+        self.mocap_late_steps = 0
+        self._been = (self.robot.p_W,)
         self.target: Setpoint | None = None
         self.texts: list[str] = []
         self._ticks = 0
@@ -77,6 +82,7 @@ class Standin:
         ]  # the mean over the step: the touch-down too
         felt_B = felt_W @ rotation_matrix(self.robot.q_WB_wxyz)
         self.sensors = Sensors(felt_B, self.robot.omega_B, self.robot.q_WB_wxyz)
+        self._been = (*self._been, self.robot.p_W)[-1 - self.mocap_late_steps :]
         self.texts += output.texts
         self._ticks += 1
         return output
@@ -85,7 +91,7 @@ class Standin:
         """Motion capture at 62.5 Hz."""
         if self.mocap_offset_W is None or self._ticks % 4:
             return []
-        return [Pose(self.robot.p_W + self.mocap_offset_W)]
+        return [Pose(self._been[0] + self.mocap_offset_W)]
 
     def ask(self, request: Request) -> Ack:
         """One step with a request in it, and the answer."""

@@ -210,6 +210,25 @@ def test_the_estimate_is_late_by_a_delay_that_is_not_told(speed: float, delay_st
     np.testing.assert_allclose(state.p_W, v * (1000 - delay_steps) * STEP_S, atol=1e-6)
 
 
+def astray_m(**px4: float) -> float:
+    """Largest error of the estimate on the way to a place beside, with poses 60 ms late that do not say so."""
+    drone, errors = flying(**px4), list[float]()
+    drone.mocap_late_steps, drone.target = 15, at(ABOVE + [0.5, 0.0, 0.0])
+
+    def over() -> bool:
+        errors.append(float(np.linalg.norm(drone.state.estimate.p_W - drone.robot.p_W)))
+        return False
+
+    drone.run(3.0, over)
+    return max(errors)
+
+
+def test_ekf2_ev_delay_is_how_late_poses_are():
+    untold = astray_m()
+    assert untold > 0.02, "the delay does no harm: nothing is shown"
+    assert astray_m(EKF2_EV_DELAY=60.0) < 0.3 * untold
+
+
 @settings(max_examples=30, deadline=None)
 @given(speed=st.floats(-1.0, 1.0), delay_steps=st.integers(0, 50), start=st.floats(-0.15, 0.15))
 def test_a_delay_that_is_told_does_no_harm(speed: float, delay_steps: int, start: float):

@@ -51,7 +51,12 @@ def test_thrust_goes_with_the_mass_that_is_believed(asked, laid_over):
     assert thrust_N(laid_over(), 0.52) == pytest.approx(1.05 * thrust_N(load("demo"), 0.52), rel=0.01)
 
 
-def test_what_the_motion_does_not_show_is_refused_and_nothing_is_written(asked, tmp_path, capsys):
+def test_a_whole_flight_shows_that_its_poses_are_not_late(asked, laid_over):
+    assert calibrate(asked("delay")) == 0
+    assert 0.0 <= laid_over().px4_bridge.px4["EKF2_EV_DELAY"] < 3.0
+
+
+def test_what_a_flight_does_not_show_is_refused_and_nothing_is_written(asked, tmp_path, capsys):
     assert calibrate(asked("handle")) == 1
     assert "clew calibrate handle: the handle turned too little" in capsys.readouterr().err
     assert not (tmp_path / "lab.toml").exists()

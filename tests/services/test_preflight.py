@@ -11,6 +11,7 @@ from services.console.preflight import look, posing, preflight
 from services.px4_bridge.preflight import Estimate, Found, Identity, Thrust, Wanted, differing, reasons
 from services.rehearsal.direct_vehicle import DirectVehicle
 from services.simulator import service as simulator
+from services.simulator.commander import SetParameter
 from tests.services.alone import Alone, alone
 
 CONFIG = load("demo")
@@ -71,7 +72,7 @@ def test_a_real_vehicle_wants_a_calibrated_thrust(thrust, told):
     assert [what for what, _ in reasons(SOUND, RIGHT._replace(thrust=thrust))] == told
 
 
-@pytest.mark.parametrize(("name", "value"), [("COM_OBL_RC_ACT", 0), ("COM_OF_LOSS_T", 5.0)])
+@pytest.mark.parametrize(("name", "value"), [("COM_OBL_RC_ACT", 0), ("COM_OBL_RC_ACT", 99), ("COM_OF_LOSS_T", 5.0)])
 def test_a_profile_that_would_fly_on_or_climb_again_is_told_too(name, value):
     wrong = WANTED | {name: value}
     ((what, _),) = reasons(SOUND._replace(parameters=wrong), RIGHT._replace(parameters=wrong))
@@ -82,9 +83,11 @@ def test_a_vehicle_that_is_set_as_the_profile_wants_may_fly():
     assert against() == []
 
 
-def test_a_wrong_parameter_is_told_with_both_values_and_what_it_does():
-    ((what, cure),) = against(COM_OBL_RC_ACT=0)
-    assert what.startswith("COM_OBL_RC_ACT = 0, the profile wants 4 (what it does then")
+@pytest.mark.parametrize("value", [0, 99])
+def test_a_wrong_parameter_is_told_with_both_values_and_what_it_does(value):
+    """PX4 takes a value that its own list does not have without a word: the comparison is with the one that is wanted."""
+    ((what, cure),) = against(COM_OBL_RC_ACT=value)
+    assert what.startswith(f"COM_OBL_RC_ACT = {value}, the profile wants 4 (what it does then")
     assert cure == "--fix sets it"
 
 
@@ -98,22 +101,25 @@ def test_a_float_is_compared_as_the_autopilot_keeps_it(found, same):
     assert (differing({"EKF2_EVP_NOISE": found}, {"EKF2_EVP_NOISE": 0.01}) == {}) == same
 
 
-def preflights(*fixes):
+def preflights(*fixes, refuses=(), wanted=None):
     """The lists of several looks in a row, on a stand-in whose MPC_USE_HTE is wrong."""
     listed, vehicles = [], []
     told = CONFIG.simulator.autopilot.px4 | {"MPC_USE_HTE": 1}
+    profile = CONFIG.model_copy(deep=True)
+    profile.px4_bridge.px4.update(wanted or {})
 
     async def play(stage: Alone) -> None:
         wrong = CONFIG.model_copy(deep=True)
         wrong.simulator.autopilot.px4.update(told)
         vehicles.append(DirectVehicle(CONFIG.px4_bridge.vehicle, stage.clock.now_ns))
+        vehicles[0].refuses = refuses
         await simulator.play(stage.node("simulator"), wrong, vehicles[0])
 
     async def script(stage: Alone) -> None:
         await asyncio.sleep(1.5)
         async with posing(CONFIG, stage.node("tracker"), vehicles[0]) as poses:
             for fix in fixes:
-                listed.append(await look(CONFIG, vehicles[0], poses, fix=fix))
+                listed.append(await look(profile, vehicles[0], poses, fix=fix))
 
     alone(play, {}, script)
     return listed
@@ -124,6 +130,20 @@ def test_fix_sets_what_differs_and_without_it_nothing_is_touched():
     assert [what.split()[0] for what, _ in first] == ["MPC_USE_HTE"]
     assert second == []
     assert third == []
+
+
+def test_what_the_autopilot_refuses_is_told_and_still_differs():
+    """Told once as refused and once as it is: what it says it has is asked for again after setting."""
+    ((refused, _), (differs, cure)) = preflights(True, refuses=(SetParameter,))[0]
+    assert refused == "parameter MPC_USE_HTE = 0: denied by the autopilot"
+    assert differs.startswith("MPC_USE_HTE = 1, the profile wants 0")
+    assert cure == "--fix sets it"
+
+
+def test_a_value_that_is_taken_and_kept_otherwise_is_not_believed_to_be_set():
+    """An integer there drops the half without a word."""
+    ((what, _),) = preflights(True, wanted={"EKF2_HGT_REF": 2.5})[0]
+    assert what.startswith("EKF2_HGT_REF = 2, the profile wants 2.5")
 
 
 def test_without_an_autopilot_that_is_the_one_reason(tmp_path, capsys):

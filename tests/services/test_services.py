@@ -23,7 +23,7 @@ from schemas.topics import (
     VEHICLE_IMU,
     VEHICLE_STATE,
 )
-from schemas.tracking import HandleSource
+from schemas.tracking import HandleSource, RigidBody
 from schemas.vehicle import FlightMode
 from services import cable
 from services.config import load
@@ -286,6 +286,35 @@ def test_a_start_is_refused_with_the_reason(missing, why):
     assert {m.phase for m in said[SAFETY_STATE.key]} == {Phase.IDLE}
     assert {m.permit for m in said[SAFETY_STATE.key]} == {Permit.NONE}
     assert any(why in reason for reason in said[SAFETY_STATE.key][-1].reasons)
+
+
+@pytest.mark.parametrize("missing", ["robot", "handle"])
+def test_what_the_tracker_knows_of_a_missing_body_is_what_the_operator_is_told(missing):
+    """A marker body that does not exist comes with the frame; the supervisor says it in the place of its general cure."""
+    trouble = f"no body {missing} in vrpn at mocap; it has: robbot, handel"
+    seen = frame(ON_THE_GROUND, HAND).model_copy(update={"trouble": trouble, missing: RigidBody(tracked=False)})
+    told = tracked(lambda _: seen, pull=None)[HANDLE_STATE.key][-1]
+    assert (told.valid, told.invalid_reason) == (False, trouble)
+    said = asked(READY_FEEDS | {HANDLE_STATE: lambda _: told}, Action.START)
+    (reply,) = said[REPLY.key]
+    assert reply.text == f"the handle is not seen: {trouble}"
+    assert said[SAFETY_STATE.key][-1].reasons == [reply.text]
+
+
+def test_in_flight_a_robot_that_is_hidden_does_not_take_the_handle_with_it():
+    seen = frame(ABOVE, HAND).model_copy(update={"trouble": "no body robot", "robot": RigidBody(tracked=False)})
+    assert tracked(lambda _: seen)[HANDLE_STATE.key][-1].valid
+
+
+def test_a_world_whose_y_axis_is_up_is_what_the_operator_is_told():
+    y_up = frame(np.array([-2.0, 0.08, 0.5]), np.array([-2.0, 0.02, 0.9]))
+    told = tracked(lambda _: y_up, pull=None)[HANDLE_STATE.key][-1]
+    said = asked({**READY_FEEDS, HANDLE_STATE: lambda _: told, ROBOT_POSE: lambda _: None}, Action.START)
+    (reply,) = said[REPLY.key]
+    assert reply.text.startswith(
+        "the handle is not seen: the capture system's y axis is up: robot and handle lie still"
+    )
+    assert "let it stream with z up" in reply.text
 
 
 def test_a_start_is_accepted_when_all_is_ready():
