@@ -10,7 +10,7 @@ demo: .venv/.ready
 test: .venv/.ready
 	$(BIN)/python -m pytest --numprocesses=auto --no-loadscope-reorder
 
-# The whole campaign of faults on virtual time, then real processes killed, stopped, starved: about 10 minutes on a quiet machine.
+# Real processes broken in flight, one flight after the other (9 minutes), and the whole campaign of faults on virtual time.
 test-faults: .venv/.ready
 	$(BIN)/python -m pytest -m faults tests
 

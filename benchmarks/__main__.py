@@ -4,24 +4,16 @@ import os
 import platform
 import subprocess
 import sys
-from pathlib import Path
 
 from benchmarks import flight_demo, hop, kilohertz, recordings, timers
 from benchmarks.table import show
+from services.recorder.origin import processor
 
 
 def machine() -> str:
     """Name, processor, cores and load."""
-    model = next(
-        (
-            line.split(":", 1)[1].strip()
-            for line in Path("/proc/cpuinfo").read_text().splitlines()
-            if line.startswith("model name")
-        ),
-        platform.processor(),
-    )
     load = " ".join(f"{x:.1f}" for x in os.getloadavg())
-    return f"{platform.node()}: {model}, {os.cpu_count()} cores, Python {platform.python_version()}, load {load}"
+    return f"{platform.node()}: {processor()}, {os.cpu_count()} cores, Python {platform.python_version()}, load {load}"
 
 
 def main() -> None:

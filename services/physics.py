@@ -88,6 +88,14 @@ def exp(x: Scalar) -> Scalar:
     return math.exp(x) if type(x) is float else np.exp(x)
 
 
+def dot(a: Array, b: Array) -> Array:
+    """aᵀb over the last axis, (...,), rounded alike on every machine.
+
+    BLAS, behind `@`, picks its kernel by the processor, and a rerun elsewhere would differ in the last bit.
+    """
+    return (a * b).sum(-1)
+
+
 def norm(v: Array) -> Array:
     """‖v‖ over the last axis, (...,)."""
     return np.sqrt((v * v).sum(-1))

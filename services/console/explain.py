@@ -11,12 +11,13 @@ from rich.table import Table
 from rich.text import Text
 
 from schemas.topics import ENERGY
+from services.px4_bridge.energy import ROUNDING_J
 from services.recorder import figures, metrics, reading
 from services.recorder.passivity import Books, Walk, filter_books, physical_books, walk, worst
 from services.recorder.reading import Session
 
-ROUNDING_J = 1e-6
-"""What the filter may seem to have made: far above its rounding, far below anything that can be felt."""
+TOLD_J = 1e-6
+"""A fall of what a port dissipated is told from here on: far below anything that can be felt."""
 UNKNOWN = "unknown"
 SUMS = (
     ("guidance, by u_A,xy", "guidance_J"),
@@ -123,7 +124,7 @@ def _fall(session: Session, books: Books) -> tuple[str, str]:
     if not len(books.t_s):
         return UNKNOWN, ""
     fall, at_s = worst(books.t_s, books.balance.residual_J)
-    return (_J(fall), _when(session, at_s)) if fall > ROUNDING_J else ("none", "")
+    return (_J(fall), _when(session, at_s)) if fall > TOLD_J else ("none", "")
 
 
 def _when(session: Session, at_s: float) -> str:

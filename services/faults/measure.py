@@ -13,6 +13,7 @@ from schemas.topics import ENERGY, REQUEST, SAFETY_STATE, SETPOINT, TRUTH
 from schemas.vehicle import SetpointKind
 from services.faults.fault import Fault, Reaction
 from services.physics import norm
+from services.px4_bridge.energy import ROUNDING_J
 from services.rehearsal.chain import Flight
 from services.simulator.commander import Mode
 
@@ -27,7 +28,6 @@ IMPACT_MPS = 1.2
 GROUND_M = 0.15
 HEARD_S = 0.03
 LEFT_S = 6.0
-ROUNDING_J = 1e-9  # of the energy books (px4_bridge/energy.py)
 NEVER = float("inf")
 _NUMBERS = (
     "reaction_s",

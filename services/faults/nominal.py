@@ -1,4 +1,4 @@
-"""Flights in which nothing breaks: other people, seeds and delays, and no alarm above a warning from the start on."""
+"""Flights in which nothing breaks: other people, seeds and delays; no alarm above a warning, and every promise kept."""
 
 import asyncio
 from collections.abc import Iterator
@@ -11,26 +11,31 @@ import numpy as np
 from schemas.safety import Action, Level, Phase
 from schemas.topics import GUIDANCE, HANDLE_STATE, SAFETY_STATE
 from services.config import Config
+from services.faults import measure
 from services.faults.campaign import unremarked
+from services.faults.fault import Fault, Group, Moment, Reaction
 from services.rehearsal.chain import Stage, fly
 from services.rehearsal.quick import quick_config
 
-LIMIT_S = 120.0
+LIMIT_S, START_S = 120.0, 0.5
+NOTHING = Fault("nothing", Group.PERSON, "nothing breaks", Reaction.NOTHING, 0.0, moment=Moment(Phase.IDLE, START_S))
+"""A fault that is none: what must hold whatever breaks must hold all the more where nothing does."""
 
 
 class Nominal(NamedTuple):
-    """One flight: who flew, how it ended, the highest level, and what was said above a warning."""
+    """One flight: who flew, how it ended, the highest level, what was said above a warning, and broken promises."""
 
     seed: int
     who: str
     phase: str
     level: Level
     said: tuple[str, ...]
+    broken: tuple[str, ...]
 
     @property
     def ok(self) -> bool:
-        """Landed, and no alarm."""
-        return self.phase == Phase.LANDED.value and self.level <= Level.WARN
+        """Landed, no alarm, and nothing that must hold was missing."""
+        return self.phase == Phase.LANDED.value and self.level <= Level.WARN and not self.broken
 
 
 def flights(count: int, jobs: int, first_seed: int = 1) -> Iterator[Nominal]:
@@ -49,7 +54,7 @@ def flight(seed: int) -> Nominal:
 
     async def script(stage: Stage) -> None:
         stage.bus.latency_s.update(delays_s)
-        await asyncio.sleep(0.5)
+        await asyncio.sleep(START_S)
         stage.ask(Action.START)
         await stage.until(lambda state: state.phase in (Phase.LANDED, Phase.HOLD), LIMIT_S)
 
@@ -57,7 +62,8 @@ def flight(seed: int) -> Nominal:
         flown = fly(config, script)
     states = [m for m in flown.said[SAFETY_STATE.key] if m.phase is not Phase.IDLE]
     said = [m.reasons[0] for m in states if m.level > Level.WARN and m.reasons]
-    return Nominal(seed, who, states[-1].phase.value, max(m.level for m in states), tuple(dict.fromkeys(said)))
+    broken = measure.measure(NOTHING, flown, flown.said[SAFETY_STATE.key][0].stamp_ns * 1e-9 + START_S).broken
+    return Nominal(seed, who, states[-1].phase.value, max(m.level for m in states), tuple(dict.fromkeys(said)), broken)
 
 
 def _somebody(draw: np.random.Generator, seed: int) -> tuple[Config, str]:

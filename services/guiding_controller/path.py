@@ -22,7 +22,7 @@ from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from services.guiding_controller.spline import Cubic
 from services.parameters import Fraction, Positive, parameters
-from services.physics import Array, Row, Scalar, at_least, clamp, components, scalar, vector
+from services.physics import Array, Row, Scalar, at_least, clamp, components, dot, scalar, vector
 
 SAMPLES = 513
 GRID = np.linspace(0.0, 1.0, SAMPLES)
@@ -201,7 +201,7 @@ def _by_arc_length(xy: Any) -> tuple[float, Any]:
     u = np.linspace(0.0, 1.0, 1001)
     inner = u[:-1, None] + 0.5 * (nodes + 1.0) * u[1]
     speed = np.hypot(*np.moveaxis(np.asarray(xy(inner, 1)), -1, 0))
-    arc = np.append(0.0, np.cumsum(speed @ weights) * 0.5 * u[1])
+    arc = np.append(0.0, np.cumsum(dot(speed, weights)) * 0.5 * u[1])
     length = float(arc[-1])
     even = np.linspace(0.0, 1.0, len(u))
     u = np.clip(CubicHermiteSpline(arc / length, u, _slope(xy, u, length))(even), 0.0, 1.0)

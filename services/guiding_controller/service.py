@@ -8,7 +8,7 @@ from services.config import Config
 from services.guiding_controller import guiding
 from services.guiding_controller.guiding import Guidance, Input
 from services.guiding_controller.path import Path
-from services.physics import Array
+from services.physics import Array, dot
 from services.runtime.node import Node, used
 
 
@@ -35,7 +35,7 @@ async def run(node: Node, config: Config) -> None:
 
 
 def _message(guidance: Guidance, path: Path, p_H: Array, inputs: dict[str, int]) -> GuidanceCommand:
-    lateral = float((p_H - guidance.p_H_d) @ path.normal(guidance.s))
+    lateral = float(dot(p_H - guidance.p_H_d, path.normal(guidance.s)))
     return GuidanceCommand(
         inputs=inputs,
         s=float(guidance.s),

@@ -25,6 +25,9 @@ from typing import NamedTuple
 
 from services.physics import Array, Components, Scalar, at_least, components
 
+ROUNDING_J = 1e-9
+"""What the books may seem to have made out of nothing; more is a fault."""
+
 
 class Flow(NamedTuple):
     """What went through the ports in one step, in J, (...); guidance and height at most so much, damping at least."""

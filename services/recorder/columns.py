@@ -8,7 +8,7 @@ from services.recorder.table import Array, Table, sample
 
 
 class Columns:
-    """`handle.position_m` is an array whose first axis are the messages; `mocap.handle.position_m` a field of a part."""
+    """`handle.position_m` is an array whose first axis are the messages; `mocap_frame.handle.position_m` a field of a part."""
 
     def __init__(self, table: Table, name: str, prefix: str = "") -> None:
         self._table, self._name, self._prefix = table, name, prefix

@@ -72,9 +72,11 @@ def _nameless(session: Session) -> Iterator[str]:
 
 def _versions(session: Session) -> Iterator[str]:
     written = session.metadata.get("clew.session", {}).get("format", "1")
-    if int(written) > FORMAT:
+    if not written.isdecimal():
+        yield f"written in format {written!r}, which is none of {FORMAT} or before"
+    elif int(written) > FORMAT:
         yield f"written in format {written}, newer than {FORMAT}: what is new in it is not read"
-    if int(written) < FORMAT:
+    elif int(written) < FORMAT:
         yield f"written in format {written}: too old to be run again"
 
 

@@ -27,8 +27,19 @@ def origin(config: Config) -> dict[str, str]:
         "seed": str(system.seed),
         "host": platform.node(),
         "machine": f"{platform.system()} {platform.machine()}, Python {platform.python_version()}",
+        "processor": processor(),
         "git": revision(),
     } | {name: version(name) for name in PACKAGES}
+
+
+def processor() -> str:
+    """Its name, as far as the host tells it."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        lines = []
+    named = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    return next(named, platform.processor())
 
 
 def revision() -> str:

@@ -43,8 +43,9 @@ class Log(NamedTuple):
 class Session:
     """What a recording holds; of one that was cut off, every whole chunk. A topic is read when it is asked for.
 
-    A topic is an attribute by its key (`session.vehicle_imu`) or the first part of it where that is enough
-    (`session.handle`, `session.force`), with a column for each field; see columns.py.
+    A topic is an attribute by its key (`session.vehicle_imu`, `session.mocap_frame`) or the first part of it where that
+    is one topic (`session.handle`, `session.force`), with a column for each field; see columns.py. What is several
+    (`session.mocap`) or none raises an AttributeError that names the choice.
     A recording that was rotated is one session: give its first file.
 
     Raises:
@@ -159,11 +160,7 @@ class Session:
         for part in self.parts:
             for _ in part.messages(()):
                 pass
-        cut = [
-            f"cut off: {part.bytes_left} bytes of an unfinished record at the end"
-            for part in self.parts
-            if not part.finished
-        ]
+        cut = [_cut(part) for part in self.parts if not part.finished]
         broken = sum(len(part.broken) for part in self.parts)
         return "; ".join([*cut, *([f"{broken} damaged chunks left out"] if broken else [])])
 
@@ -179,6 +176,11 @@ def parts_of(file: Path) -> list[Path]:
     while (after := file.with_name(f"{file.stem}.{len(parts) + 1}{file.suffix}")).is_file():
         parts.append(after)
     return parts
+
+
+def _cut(part: RecordFile) -> str:
+    left = f"{part.bytes_left} bytes of an unfinished record at the end" if part.bytes_left else "its end is not there"
+    return f"cut off: {left}"
 
 
 def _refuse_foreign(part: RecordFile) -> None:
@@ -223,8 +225,9 @@ def _topic_named(name: str) -> str:
     keys = _names().get(name, [])
     if len(keys) == 1:
         return keys[0]
-    others = ", ".join(key.replace("/", "_") for key in keys) or ", ".join(_single(_names()))
-    raise AttributeError(f"no topic is called {name}: try {others}")
+    if keys:
+        raise AttributeError(f"{name} is more than one topic: {', '.join(key.replace('/', '_') for key in keys)}")
+    raise AttributeError(f"no topic is called {name}: try {', '.join(_single(_names()))}")
 
 
 def _single(names: Mapping[str, Sequence[str]]) -> Iterator[str]:

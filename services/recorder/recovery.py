@@ -4,7 +4,9 @@ from pathlib import Path
 
 from mcap.writer import Writer
 
+from services.recorder.channels import Channels
 from services.recorder.reading import Session
+from services.recorder.records import RecordFile
 
 
 def recover(session: Session, out: Path) -> int:
@@ -18,24 +20,25 @@ def recover(session: Session, out: Path) -> int:
     with out.open("xb") as stream:
         writer = Writer(stream)
         writer.start(profile="", library="clew")
+        taken = Channels(writer, stream)
         for name, metadata in session.metadata.items():
             if name != "clew.verdict":
                 writer.add_metadata(name, dict(metadata))
         for name, data in session.attachments.items():
             writer.add_attachment(0, session.start_ns, name, "text/plain", data)
-        for part in session.parts:
-            channels: dict[int, int] = {}
-            for old, channel in part.channels.items():
-                schema = part.schemas.get(channel.schema_id)
-                known = writer.register_schema(schema.name, schema.encoding, schema.data) if schema else 0
-                channels[old] = writer.register_channel(
-                    channel.topic, channel.message_encoding, known, channel.metadata
-                )
+        numbers = [_numbers(part, taken) for part in session.parts]
+        for part, number in zip(session.parts, numbers, strict=True):
             for message in part.messages():
                 writer.add_message(
-                    channels[message.channel], message.log_ns, message.payload, message.log_ns, message.sequence
+                    number[message.channel], message.log_ns, message.payload, message.log_ns, message.sequence
                 )
                 kept += 1
         writer.add_metadata("clew.verdict", {"json": verdict.to_json()})
+        taken.finish(kept)
         writer.finish()
     return kept
+
+
+def _numbers(part: RecordFile, taken: Channels) -> dict[int, int]:
+    """What a part's channels are called in the new file."""
+    return {old: taken.add(channel, part.schemas.get(channel.schema_id)) for old, channel in part.channels.items()}

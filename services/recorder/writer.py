@@ -6,12 +6,14 @@ from types import TracebackType
 from typing import Annotated, Self
 
 from annotated_types import Ge, Gt
+from mcap.records import Channel, Schema
 from mcap.writer import Writer
 from pydantic_core import from_json
 
 from schemas.message import Message
 from schemas.topics import Topic
 from services.parameters import Positive, parameters
+from services.recorder.channels import Channels
 from services.recorder.schema import schema_text
 from services.recorder.verdict import Count, Verdict
 from services.runtime.bus import MAX_PAYLOAD_bytes
@@ -70,12 +72,10 @@ class SessionWriter:
         self._writer.add_metadata("clew.clock", {"epoch_minus_monotonic_ns": str(epoch_ns)})
         for name, data in (attachments or {}).items():
             self._writer.add_attachment(0, epoch_ns, name, "text/plain", data)
-        self._channel_of = {topic.key: self._register(topic) for topic in topics}
+        self._written = 0
+        self._channels = Channels(self._writer, self._stream)
+        self._channel_of = {topic.key: self._channels.add(*_channel(topic)) for topic in topics}
         self._writer.flush()
-
-    def _register(self, topic: Topic[Message]) -> int:
-        schema = self._writer.register_schema(topic.type.__name__, "jsonschema", schema_text(topic.type))
-        return self._writer.register_channel(channel_name(topic.key), "json", schema, {"key": topic.key})
 
     def add(self, key: str, payload: bytes, received_ns: int) -> None:
         """Keep one payload that arrived at `received_ns` of this host's monotonic clock, or count why not."""
@@ -88,6 +88,7 @@ class SessionWriter:
         here_ns = self._hosts.here_ns(self._publisher[key], stamp_ns) if self._hosts.two else None
         time_ns = here_ns + self._leads_ns[0] if here_ns else stamp_ns + self._lead_ns(key, stamp_ns, received_ns)
         count.heard(seq, time_ns, thinned=key in self._thinned)
+        self._written += 1
         self._writer.add_message(self._channel_of[key], time_ns, payload, time_ns, seq)
 
     def _lead_ns(self, key: str, stamp_ns: int, received_ns: int) -> int:
@@ -117,6 +118,7 @@ class SessionWriter:
         if leads:
             self._writer.add_metadata("clew.clock.other_hosts_ns", leads)
         self._writer.add_metadata("clew.verdict", {"json": self.verdict.to_json()})
+        self._channels.finish(self._written)
         self._writer.finish()
         self._stream.close()
 
@@ -131,6 +133,12 @@ class SessionWriter:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+
+def _channel(topic: Topic[Message]) -> tuple[Channel, Schema]:
+    schema = Schema(id=0, name=topic.type.__name__, encoding="jsonschema", data=schema_text(topic.type))
+    name = channel_name(topic.key)
+    return Channel(id=0, topic=name, message_encoding="json", schema_id=0, metadata={"key": topic.key}), schema
 
 
 def channel_name(key: str) -> str:

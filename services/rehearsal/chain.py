@@ -4,7 +4,7 @@ import asyncio
 import contextlib
 import importlib
 from collections import defaultdict
-from collections.abc import Awaitable, Callable, Coroutine, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Coroutine, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -31,18 +31,42 @@ Runs: TypeAlias = dict[str, Run]
 """How each service is run on its node; again where it is restarted."""
 
 
+class Said(Mapping[str, list[Any]]):
+    """What was said on the bus, by topic; read when somebody asks for it, which for most topics nobody does."""
+
+    def __init__(self) -> None:
+        self._heard: defaultdict[str, list[bytes]] = defaultdict(list)
+        self._read: defaultdict[str, list[Any]] = defaultdict(list)
+
+    def hear(self, key: str, payload: bytes) -> None:
+        """Keep it."""
+        self._heard[key].append(payload)
+
+    def __getitem__(self, key: str) -> list[Any]:
+        """All that is a message of the topic."""
+        heard = self._heard[key]
+        for payload in heard:
+            with contextlib.suppress(ValueError):
+                self._read[key].append(BY_KEY[key].type.model_validate_json(payload))
+        heard.clear()
+        return self._read[key]
+
+    def __iter__(self) -> Iterator[str]:
+        """Of the topics of which anything was heard."""
+        return iter(tuple(self._heard))
+
+    def __len__(self) -> int:
+        """So many topics."""
+        return len(self._heard)
+
+
 @dataclass(repr=False)  # a loop that ends prints its result when a signal handler is reset
 class Flight:
     """What was said on the bus, by topic, and the vehicle that flew."""
 
     config: Config
     vehicle: Any
-    said: dict[str, list[Any]] = field(default_factory=lambda: defaultdict(list))
-
-    def hear(self, key: str, payload: bytes) -> None:
-        """Keep what is a message of the topic."""
-        with contextlib.suppress(ValueError):
-            self.said[key].append(BY_KEY[key].type.model_validate_json(payload))
+    said: Said = field(default_factory=Said)
 
     def phases(self) -> list[Phase]:
         """Each phase once, in order."""
@@ -154,7 +178,7 @@ async def perform(
     """The other services beside those in `runs`, while the script lasts."""
     flight, runs = Flight(config, vehicle), runs | {name: _as_launched(name, config) for name in others}
     for topic in TOPICS:
-        bus.subscribe(topic.key, flight.hear)
+        bus.subscribe(topic.key, flight.said.hear)
     tasks: dict[str, asyncio.Task[None]] = {}
     nodes: dict[str, StoppableNode] = {}
 

@@ -4,6 +4,7 @@ import asyncio
 import ctypes
 import gc
 import os
+import resource
 import signal
 import sys
 import traceback
@@ -22,6 +23,9 @@ Config = TypeVar("Config")
 GRACE_s = 1.5
 """From the first request to stop, or the first error, to the kernel's end of the process."""
 
+MEMORY_MAX_bytes = 1 << 30
+"""Of a process's own data, three times what a service needs: who leaks fails by itself, before the host has none left."""
+
 _PR_SET_PDEATHSIG = 1
 
 
@@ -35,6 +39,7 @@ def serve(
     for real-time scheduling and goes on without it where that is not permitted.
     """
     _die_with_parent(os.environ.get("CLEW_DIE_WITH_PARENT"))
+    _limit_memory()
     scheduler = _real_time(os.environ.get("CLEW_FIFO"))
     life = _Life(name)
     try:
@@ -115,6 +120,13 @@ def _die_with_parent(parent: str | None) -> None:
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
     if int(parent) not in (1, os.getppid()):  # it died before the kernel knew
         sys.exit(1)
+
+
+def _limit_memory() -> None:
+    """An allocation beyond it fails; Linux counts private memory that may be written, used or not, in the whole process."""
+    _, hard = resource.getrlimit(resource.RLIMIT_DATA)
+    most = MEMORY_MAX_bytes if hard == resource.RLIM_INFINITY else min(MEMORY_MAX_bytes, hard)
+    resource.setrlimit(resource.RLIMIT_DATA, (most, hard))
 
 
 def _real_time(priority: str | None) -> str:

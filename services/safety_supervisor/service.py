@@ -23,10 +23,10 @@ from schemas.topics import (
 from schemas.tracking import HIDDEN, HandleSource
 from schemas.vehicle import FlightMode
 from services.config import Config
-from services.physics import Array, norm
+from services.physics import Array, dot, norm
 from services.runtime.node import Node, Tick, used
 from services.runtime.readers import Latest
-from services.safety_supervisor import distances, held, phases, rules
+from services.safety_supervisor import absence, distances, held, phases, rules
 from services.safety_supervisor.novelty import Novelty
 from services.safety_supervisor.plan import hall, plan
 from services.safety_supervisor.requests import Requests
@@ -49,13 +49,15 @@ class Senses:
         self.clocks = node.latest(RADIO_CLOCK) if node.hosts.two else None
         measured = (self.handle, self.robot_pose, self.vehicle, self.force, self.guidance)
         self.novelty = {reader.topic.key: Novelty() for reader in measured}
+        self.absence = absence.State()
 
     def age_s(self, reader: Latest[Any]) -> float:
-        """Since a valid message last said something new; infinite for an invalid one or none."""
+        """Since a valid message last said something new, as far as it was listened to; infinite for an invalid one or none."""
         if reader.message is None or not reader.message.valid:
             return float("inf")
         novelty = self.novelty.get(reader.topic.key)
-        return reader.age_s if novelty is None else novelty.age_s(reader.message, reader.age_s)
+        age_s = reader.age_s if novelty is None else novelty.age_s(reader.message, reader.age_s)
+        return max(age_s - self.absence.away_s, 0.0)
 
     def inputs(self, tick: Tick) -> dict[str, int]:
         """What a verdict was made of."""
@@ -86,8 +88,10 @@ async def run(node: Node, config: Config) -> None:
     person = Person(held.start(p.held), path.t_hat(0.0))
     state, broken, stalls, requests = phases.PhaseState(), rules.initial(), 0, Requests()
     async for tick in node.ticks(SAFETY_STATE.rate_Hz):
+        missed_s = tick.missed / SAFETY_STATE.rate_Hz
+        senses.absence = absence.step(senses.absence, missed_s, tick.dt_s, p.limits.stall_s)
         person = _observe(person, senses, tick.dt_s, config)
-        facts = _facts(senses, person, tick.missed / SAFETY_STATE.rate_Hz, config)
+        facts = _facts(senses, person, missed_s, config)
         stalls += facts.stall_s > p.limits.stall_s
         request = requests.next(senses.requests.drain())
         action = request.action if request else None
@@ -194,7 +198,7 @@ def _aside_N(senses: Senses, config: Config) -> float:
     length = float(norm(l_c))
     if not 0.0 <= length - config.cable.rest_length_m <= STRETCH_M:
         return 0.0
-    return float(norm(f_c - (f_c @ l_c) / length**2 * l_c))
+    return float(norm(f_c - dot(f_c, l_c) / length**2 * l_c))
 
 
 def _clock_uncertainty_s(senses: Senses) -> float:

@@ -63,6 +63,7 @@ class Kind(StrEnum):
     WALK_AWAY = "walk_away"  # a force, meant to last
     LET_GO = "let_go"  # opens the hand
     RAISE = "raise"  # moves the hand up, or down, from its height
+    PULL_DOWN = "pull_down"  # a force downwards on whatever resists, until the arm is stretched
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,6 +86,8 @@ class Event:
             raise ValueError(f"{self.kind}.duration_s = {self.duration_s} must be above 0")
         if self.kind in (Kind.PUSH, Kind.WALK_AWAY) and not any(np.any(f) for f in self.force_W_N[:2]):
             raise ValueError(f"{self.kind}.force_W_N = {self.force_W_N} must have a horizontal part")
+        if self.kind is Kind.PULL_DOWN and not (self.force_W_N[2] < 0.0 and self.rise_m < 0.0):
+            raise ValueError(f"{self.kind}: force_W_N[2] and rise_m, how far the arm goes, must be below 0")
         if not self.speed_mps > 0.0:
             raise ValueError(f"{self.kind}.speed_mps = {self.speed_mps} must be above 0")
 
@@ -124,6 +127,14 @@ def rise(t_s: float, script: Behaviour) -> tuple[float, float]:
     for event in script:
         if event.kind is Kind.RAISE and event.covers(t_s):
             return event.rise_m, event.speed_mps
+    return 0.0, 0.0
+
+
+def pull_down(t_s: float, script: Behaviour) -> tuple[float, float]:
+    """With how many N the script pulls the hand down at `t_s`, and how far below its height the arm is stretched, m."""
+    for event in script:
+        if event.kind is Kind.PULL_DOWN and event.covers(t_s):
+            return -event.force_W_N[2], -event.rise_m
     return 0.0, 0.0
 
 

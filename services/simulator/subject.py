@@ -75,6 +75,9 @@ class SubjectInput(NamedTuple):
     rise_m: float = 0.0
     """Above the hand's height, and at `rise_mps` where that is above 0."""
     rise_mps: float = 0.0
+    down_N: float = 0.0
+    """Pulls down with that, until the hand is `down_m` below its height."""
+    down_m: float = 0.0
 
 
 class SubjectOutput(NamedTuple):
@@ -160,10 +163,21 @@ def _walk(state: SubjectState, said: SubjectInput, dt: float, p: Subject, body: 
     after = human.step(person, said.f_c_W, stand, dt, body)
     (x, y, _), (v_x, v_y, _) = components(after.p_H_W), components(after.v_H_W)
     z, v_z = float(person.p_H_W[2]), float(person.v_H_W[2])
+    if said.down_N:
+        z, v_z = _pulled_down(z, v_z, said, dt, body)
+        return HumanState(vector(x, y, z), vector(v_x, v_y, v_z), after.facing_W)
     fastest, height = said.rise_mps or p.reach_speed_mps, body.hand_height_m + said.rise_m
     climb = clamp(p.reach_rate_per_s * (height - z), -fastest, fastest)
     v_z -= math.expm1(-dt / p.hand_lag_s) * (climb - v_z)
     return HumanState(vector(x, y, z + dt * v_z), vector(v_x, v_y, v_z), after.facing_W)
+
+
+def _pulled_down(z: float, v_z: float, said: SubjectInput, dt: float, body: Human) -> tuple[float, float]:
+    """humanModel upright: the person's force against the cable's, until the arm is stretched."""
+    lowest = body.hand_height_m - said.down_m
+    a = (float(said.f_c_W[2]) - said.down_N - body.b_H_Ns_per_m * v_z) / body.m_H_kg
+    below = z + dt * v_z
+    return (lowest, 0.0) if below <= lowest and v_z <= 0.0 else (below, v_z + dt * a)
 
 
 def _reach(person: HumanState, goal_W: Array, dt: float, p: Subject) -> HumanState:

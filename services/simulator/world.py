@@ -75,7 +75,8 @@ def _said(state: WorldState, f_c: Array, told: Told, p: WorldParams) -> SubjectI
     wish = human.u_H(state.held_s, state.subject.person, p.behaviour, p.human) + human.lean(f_c, p.human)
     opens = human.lets_go(state.held_s, p.behaviour)
     rise_m, rise_mps = human.rise(state.held_s, p.behaviour)
-    return SubjectInput(state.handle.p_W, f_c, told.take, told.let_go, opens, wish, rise_m, rise_mps)
+    down_N, down_m = human.pull_down(state.held_s, p.behaviour)
+    return SubjectInput(state.handle.p_W, f_c, told.take, told.let_go, opens, wish, rise_m, rise_mps, down_N, down_m)
 
 
 def look(state: WorldState, p: WorldParams) -> SubjectOutput:

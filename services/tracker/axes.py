@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from services.parameters import Positive, parameters
-from services.physics import Array, norm, rotate
+from services.physics import Array, dot, norm, rotate
 
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -66,7 +66,7 @@ def step(state: State, bodies: Array, q_WB_wxyz: Array, dt: float, p: Axes) -> S
 def _judge(bodies: Array, q_WB_wxyz: Array, p: Axes) -> Verdict:
     on_floor = np.all(np.abs(bodies) < p.floor_m, axis=0)
     if on_floor[2]:
-        tilt = np.arccos(np.clip(rotate(q_WB_wxyz, UP) @ UP, -1.0, 1.0))
+        tilt = np.arccos(np.clip(dot(rotate(q_WB_wxyz, UP), UP), -1.0, 1.0))
         return Verdict.RIGHT if tilt <= p.tilt_max_rad else Verdict.TILTED
     return Verdict.Y_UP if on_floor[1] else Verdict.UNKNOWN
 

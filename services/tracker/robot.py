@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from services.parameters import Positive, parameters
-from services.physics import Array, Scalar, norm
+from services.physics import Array, Scalar, dot, norm
 from services.tracker import filtering
 
 
@@ -64,4 +64,4 @@ def step(
 
 def _angle(a_wxyz: Array, b_wxyz: Array) -> Scalar:
     """Between two attitudes, rad."""
-    return float(2.0 * np.arccos(min(abs(float(a_wxyz @ b_wxyz)), 1.0)))
+    return float(2.0 * np.arccos(min(abs(float(dot(a_wxyz, b_wxyz))), 1.0)))

@@ -8,7 +8,7 @@ from schemas.topics import CABLE_FORCE, HANDLE_STATE, MOCAP_SEEN, ROBOT_POSE, VE
 from schemas.tracking import HIDDEN, HandleSource, HandleState, MocapFrame, RobotPose
 from schemas.vehicle import VehicleState
 from services.config import Config
-from services.physics import Array
+from services.physics import Array, norm
 from services.runtime.node import Node, used
 from services.runtime.readers import Latest
 from services.tracker import axes, filtering, hand, robot
@@ -83,7 +83,7 @@ def _axes(world: axes.State, frame: MocapFrame, dt: float, p: axes.Axes) -> axes
 
 
 def _said(seen: filtering.Output, z_R: Array, belief: Belief) -> str:
-    away = f" {np.linalg.norm(z_R - belief.p):.2f} m from where it flies" if belief.flying else ""
+    away = f" {norm(z_R - belief.p):.2f} m from where it flies" if belief.flying else ""
     return Sample(int(seen.sample)).name.lower() + (away if seen.sample == Sample.JUMP else "")
 
 

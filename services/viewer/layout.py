@@ -7,7 +7,7 @@ import foxglove.layouts as fl
 
 from schemas.topics import CABLE_FORCE, GUIDANCE, HANDLE_STATE, SAFETY_STATE, SETPOINT, VEHICLE_STATE, Topic
 from services.recorder.writer import channel_name
-from services.viewer.pictures import LOG, SCENE, TRANSFORMS
+from services.viewer.pictures import LOG, PLACE, SCENE, TRANSFORMS
 from services.viewer.scene import FRAME
 
 CURVES: dict[str, tuple[tuple[Topic[Any], str], ...]] = {
@@ -19,11 +19,28 @@ CURVES: dict[str, tuple[tuple[Topic[Any], str], ...]] = {
     "s, level": ((GUIDANCE, "s"), (SAFETY_STATE, "level")),
 }
 
+CAMERA = {
+    "perspective": True,
+    "distance": 7.0,
+    "phi": 60.0,
+    "thetaOffset": 45.0,
+    "target": [0.0, 0.0, 0.0],
+    "targetOffset": [0.0, 0.0, 0.8],
+    "targetOrientation": [0.0, 0.0, 0.0, 1.0],
+    "fovy": 45.0,
+    "near": 0.05,
+    "far": 500.0,
+}
+"""Over the whole of the paper's path."""
 
-def paths(curves: tuple[tuple[Topic[Any], str], ...]) -> list[str]:
-    """What a plot shows, in the viewers' notation; a vector is three lines."""
-    each = [(f"{channel_name(topic.key)}.{field}", field) for topic, field in curves]
-    return [path.format(axis) for path, field in each for axis in ("xyz" if "{}" in field else " ")]
+
+def paths(curves: tuple[tuple[Topic[Any], str], ...]) -> dict[str, str]:
+    """What a plot shows, in the viewers' notation, and what the legend calls it; a vector is three lines."""
+    named: dict[str, str] = {}
+    for topic, field in curves:
+        path = f"{channel_name(topic.key)}.{field}"
+        named |= {path.format(axis): axis for axis in "xyz"} if "{}" in field else {path: field}
+    return named
 
 
 def foxglove() -> str:
@@ -33,13 +50,18 @@ def foxglove() -> str:
             size=0.33,
             panel=fl.PlotPanel(
                 title=title,
-                config=fl.PlotConfig(paths=[fl.PlotSeries(value=path, enabled=True) for path in paths(curves)]),
+                config=fl.PlotConfig(
+                    paths=[fl.PlotSeries(value=path, label=name, enabled=True) for path, name in paths(curves).items()]
+                ),
             ),
         )
         for title, curves in CURVES.items()
     ]
     scene = fl.ThreeDeePanel(
-        config=fl.ThreeDeeConfig(follow_tf=FRAME, topics={SCENE: fl.BaseRendererSceneUpdateTopicSettings(visible=True)})
+        config=fl.ThreeDeeConfig(
+            follow_tf=FRAME,
+            topics={topic: fl.BaseRendererSceneUpdateTopicSettings(visible=True) for topic in (SCENE, PLACE)},
+        )
     )
     left = fl.SplitContainer(
         direction="column",
@@ -63,7 +85,9 @@ def lichtblick() -> str:
         "3D!scene": {
             "followTf": FRAME,
             "followMode": "follow-none",
-            "topics": {SCENE: {"visible": True}, TRANSFORMS: {"visible": True}},
+            "cameraState": CAMERA,
+            "scene": {"transforms": {"showLabel": False, "lineWidth": 0, "enablePreloading": True}},
+            "topics": {topic: {"visible": True} for topic in (SCENE, PLACE, TRANSFORMS)},
             "layers": {
                 "grid": {"layerId": "foxglove.Grid", "visible": True, "frameLocked": True, "size": 8, "divisions": 8}
             },
@@ -84,8 +108,12 @@ def lichtblick() -> str:
 
 
 def _plot(title: str, curves: tuple[tuple[Topic[Any], str], ...]) -> dict[str, Any]:
-    series = [{"value": path, "enabled": True, "timestampMethod": "receiveTime"} for path in paths(curves)]
-    return {"title": title, "paths": series, "showLegend": True, "isSynced": True, "xAxisVal": "timestamp"}
+    series = [
+        {"value": path, "label": name, "enabled": True, "timestampMethod": "receiveTime"}
+        for path, name in paths(curves).items()
+    ]
+    beside = {"showLegend": len(series) > 1, "legendDisplay": "left", "sidebarDimension": 110}
+    return {"lichtblickPanelTitle": title, "paths": series, "isSynced": True, "xAxisVal": "timestamp", **beside}
 
 
 def _column(names: list[str]) -> Any:

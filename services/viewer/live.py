@@ -12,7 +12,7 @@ from services.console.replay import replay_bus_config
 from services.console.start import bus_config
 from services.runtime.zenoh_bus import ZenohBus, open_bus
 from services.session_files import complain
-from services.viewer.pictures import Pictures
+from services.viewer.pictures import SCENE_HZ, Pictures
 
 
 def command(profile: str, host: str, port: int, *, replay: bool) -> int:
@@ -43,7 +43,9 @@ async def follow(bus: ZenohBus, pictures: Pictures) -> None:
     """Hand on what is said, for ever; what is not a message of its topic is left out by the viewer's own checks."""
     for topic in TOPICS:
         bus.subscribe(topic.key, lambda key, payload: _hand_on(pictures, key, payload))
-    await asyncio.Event().wait()
+    while True:
+        await asyncio.sleep(1.0 / SCENE_HZ)
+        pictures.tick(time.time_ns())  # when everybody has fallen silent, the picture empties
 
 
 def _hand_on(pictures: Pictures, key: str, payload: bytes) -> None:

@@ -1,14 +1,15 @@
 """What is said on the bus, as channels of a viewer: every topic as it is, and a scene, transforms and a log beside them."""
 
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 from foxglove import Channel, Context
 from foxglove.channels import FrameTransformsChannel, LogChannel, SceneUpdateChannel
 from foxglove.messages import FrameTransform, FrameTransforms, Log, LogLevel, Vector3
-from pydantic_core import from_json
+from pydantic import ValidationError
 
-from schemas.safety import Level
+from schemas.message import Message
+from schemas.safety import Level, SafetyState
 from schemas.topics import (
     CABLE_FORCE,
     HANDLE_STATE,
@@ -19,21 +20,28 @@ from schemas.topics import (
     TOPICS,
     TRUTH,
     VEHICLE_STATE,
+    Topic,
 )
 from services.guiding_controller.path import Path
-from services.physics import Array
 from services.recorder.schema import json_schema
 from services.recorder.writer import channel_name
 from services.viewer import scene
 from services.viewer.scene import FRAME, Instant, quaternion, stamp
 
-SCENE, TRANSFORMS, LOG = "/pictures/scene", "/tf", "/log"
+M = TypeVar("M", bound=Message)
+
+SCENE, PLACE, TRANSFORMS, LOG = "/pictures/scene", "/pictures/place", "/tf", "/log"
+"""What moves and what never does are two topics: after a jump in time a viewer has the newest message of each."""
 SCENE_HZ = 20.0
 STILL_s = 1.0
-"""The path is shown anew as often, for viewers that come later."""
+"""The place is shown anew as often, for viewers that come later."""
+FRESH_S = 0.5
+"""What was said longer ago is not drawn: a dead service's drone must not stand in the air."""
+SILENT = "the supervisor is silent"
 
 _LOG_LEVELS = {Level.OK: LogLevel.Info, Level.WARN: LogLevel.Warning, Level.EASE: LogLevel.Warning}
 _UNKNOWN = np.full(3, np.nan)
+_LEVEL = np.array((1.0, 0.0, 0.0, 0.0))
 
 
 class Pictures:
@@ -51,10 +59,11 @@ class Pictures:
             for topic in TOPICS
         }
         self._scene = SceneUpdateChannel(SCENE, context=context)
+        self._place = SceneUpdateChannel(PLACE, context=context)
         self._transforms = FrameTransformsChannel(TRANSFORMS, context=context)
         self._log = LogChannel(LOG, context=context)
-        self._newest: dict[str, bytes] = {}
-        self._told = ("", 0, [""])
+        self._newest: dict[str, tuple[int, bytes]] = {}
+        self._told: tuple[object, ...] = ()
         self._scene_due_ns = self._still_due_ns = 0
 
     def take(self, key: str, payload: bytes, time_ns: int) -> None:
@@ -62,12 +71,15 @@ class Pictures:
         if key not in self._raw:
             return
         self._raw[key].log(payload, log_time=time_ns)
-        self._newest[key] = payload
-        if key == SAFETY_STATE.key:
-            self._tell_safety(from_json(payload), time_ns)
-        elif key == NOTE.key:
-            note = from_json(payload)
-            self._say(LogLevel.Info, f"note of {note['operator']}: {note['text']}", "operator", time_ns)
+        self._newest[key] = time_ns, payload
+        if key == SAFETY_STATE.key and (state := _read(SAFETY_STATE, payload)):
+            self._tell_safety(state, time_ns)
+        elif key == NOTE.key and (note := _read(NOTE, payload)):
+            self._say(LogLevel.Info, f"note of {note.operator}: {note.text}", "operator", time_ns)
+        self.tick(time_ns)
+
+    def tick(self, time_ns: int) -> None:
+        """Draw the scene if it is time to; where nothing may be said any more, somebody must go on to call this."""
         if time_ns >= self._scene_due_ns:
             self._scene_due_ns = time_ns + round(1e9 / SCENE_HZ)
             self._show(time_ns)
@@ -75,60 +87,57 @@ class Pictures:
     def _show(self, time_ns: int) -> None:
         if self._path is not None and time_ns >= self._still_due_ns:
             self._still_due_ns = time_ns + round(STILL_s * 1e9)
-            self._scene.log(scene.still(self._path, time_ns), log_time=time_ns)
+            self._place.log(scene.still(self._path, time_ns), log_time=time_ns)
         now = self._instant(time_ns)
         self._scene.log(scene.moving(now), log_time=time_ns)
         self._transforms.log(_transforms(now), log_time=time_ns)
 
     def _instant(self, time_ns: int) -> Instant:
-        said = {key: from_json(self._newest[key]) for key in _SHOWN if key in self._newest}
-        truth, safety = said.get(TRUTH.key), said.get(SAFETY_STATE.key, {})
-        robot = said.get(VEHICLE_STATE.key) or said.get(ROBOT_POSE.key)
-        handle = said.get(HANDLE_STATE.key)
-        seen = handle is not None and handle["valid"]
+        safety, truth = self._believed(SAFETY_STATE, time_ns), self._believed(TRUTH, time_ns)
+        robot = self._believed(VEHICLE_STATE, time_ns) or self._believed(ROBOT_POSE, time_ns)
+        handle, cable = self._believed(HANDLE_STATE, time_ns), self._believed(CABLE_FORCE, time_ns)
+        setpoint = self._believed(SETPOINT, time_ns)
         return Instant(
             time_ns,
-            p_R=_vector(robot, "position_m"),
-            q_WB_wxyz=_quaternion(robot),
-            p_H=_vector(handle if seen else None, "position_m"),
-            f_c=_vector(said.get(CABLE_FORCE.key), "force_N"),
-            u_A=_vector(said.get(SETPOINT.key), "u_A_N"),
-            head=_vector(truth, "head_position_m"),
-            held=bool(safety.get("held", False)),
-            level=int(safety.get("level", 0)),
-            text=str(safety.get("phase", "")),
+            p_R=robot.position_m.array() if robot else _UNKNOWN,
+            q_WB_wxyz=robot.q_WB_wxyz.array() if robot else _LEVEL,
+            p_H=handle.position_m.array() if handle else _UNKNOWN,
+            f_c=cable.force_N.array() if cable else _UNKNOWN,
+            u_A=setpoint.u_A_N.array() if setpoint else _UNKNOWN,
+            head=truth.head_position_m.array() if truth else _UNKNOWN,
+            held=bool(safety and safety.held),
+            level=safety.level if safety else Level.HOLD,
+            text=safety.phase.value if safety else SILENT,
         )
 
-    def _tell_safety(self, state: dict[str, Any], time_ns: int) -> None:
-        told = (state["phase"], state["level"], state["reasons"])
+    def _believed(self, topic: Topic[M], time_ns: int) -> M | None:
+        """The newest message of a topic, if it is fresh and calls itself valid."""
+        said_ns, payload = self._newest.get(topic.key, (0, b""))
+        message = _read(topic, payload) if payload and time_ns - said_ns <= FRESH_S * 1e9 else None
+        return message if message and message.valid else None
+
+    def _tell_safety(self, state: SafetyState, time_ns: int) -> None:
+        told = (state.phase, state.level, state.reasons)
         if told != self._told:
             self._told = told
-            level = _LOG_LEVELS.get(Level(state["level"]), LogLevel.Error)
-            why = "; ".join(state["reasons"])
-            self._say(
-                level, f"{state['phase']}, {state['permit']}{': ' if why else ''}{why}", "safety_supervisor", time_ns
-            )
+            level = _LOG_LEVELS.get(state.level, LogLevel.Error)
+            text = ": ".join(filter(None, (f"{state.phase}, {state.permit}", "; ".join(state.reasons))))
+            self._say(level, text, "safety_supervisor", time_ns)
 
     def _say(self, level: LogLevel, text: str, name: str, time_ns: int) -> None:
         self._log.log(Log(timestamp=stamp(time_ns), level=level, message=text, name=name), log_time=time_ns)
 
 
-_SHOWN = tuple(
-    topic.key for topic in (TRUTH, SAFETY_STATE, VEHICLE_STATE, ROBOT_POSE, HANDLE_STATE, CABLE_FORCE, SETPOINT)
-)
-
-
-def _vector(message: dict[str, Any] | None, name: str) -> Array:
-    return _UNKNOWN if message is None else np.array([message[name][axis] for axis in "xyz"])
-
-
-def _quaternion(message: dict[str, Any] | None) -> Array:
-    return np.array([message["q_WB_wxyz"][axis] for axis in "wxyz"]) if message else np.array((1.0, 0.0, 0.0, 0.0))
+def _read(topic: Topic[M], payload: bytes) -> M | None:
+    """None for what is not of the topic's type, as in a recording from before a field was there."""
+    try:
+        return topic.type.model_validate_json(payload)
+    except ValidationError:
+        return None
 
 
 def _transforms(now: Instant) -> FrameTransforms:
-    """Robot and handle in W, as far as they are known."""
-    level = np.array((1.0, 0.0, 0.0, 0.0))
+    """Robot and handle in W, as far as they are known, and the floor, so that there is W from the beginning."""
     return FrameTransforms(
         transforms=[
             FrameTransform(
@@ -138,7 +147,11 @@ def _transforms(now: Instant) -> FrameTransforms:
                 translation=Vector3(x=float(p[0]), y=float(p[1]), z=float(p[2])),
                 rotation=quaternion(q),
             )
-            for name, p, q in (("robot", now.p_R, now.q_WB_wxyz), ("handle", now.p_H, level))
+            for name, p, q in (
+                ("floor", np.zeros(3), _LEVEL),
+                ("robot", now.p_R, now.q_WB_wxyz),
+                ("handle", now.p_H, _LEVEL),
+            )
             if np.all(np.isfinite(p))
         ]
     )

@@ -1,6 +1,7 @@
 """The scene that a 3D viewer shows: path and tube once; drone, cable, handle, person and forces at every instant.
 
-Positions are in W. A cable's colour is its tension: grey slack, from blue to red at 2.5 N. Forces are 0.3 m per newton.
+Positions are in W. A cable's colour is its tension: grey slack, from blue to red at 2.5 N, black unknown. Forces are
+0.3 m per newton.
 """
 
 from collections.abc import Sequence
@@ -11,6 +12,7 @@ from foxglove.messages import (
     ArrowPrimitive,
     Color,
     CylinderPrimitive,
+    Duration,
     LinePrimitive,
     Point3,
     Pose,
@@ -28,9 +30,11 @@ from services.physics import Array, Z, norm, rotate
 
 FRAME = "world"
 METRES_PER_NEWTON = 0.3
+LIFETIME_S = 0.3
 TUBE_RADIUS_M = 0.3  # the paper's: everyone walked inside 60 cm
 _STRONG_N = 2.5
 _ROTORS = 0.14 * np.array([(1, 1, 0), (1, -1, 0), (-1, 1, 0), (-1, -1, 0)])
+_UNKNOWN_COLOR = "#000000"
 _LEVEL_COLORS = ("#009E73", "#E69F00", "#D55E00", "#b3261e", "#b3261e", "#b3261e")
 
 
@@ -64,7 +68,9 @@ def still(path: Path, time_ns: int) -> SceneUpdate:
         )
         for post in path.obstacles
     ]
-    return SceneUpdate(entities=[_entity("path", time_ns, lines=lines, cylinders=posts)])
+    return SceneUpdate(
+        entities=[SceneEntity(timestamp=stamp(time_ns), frame_id=FRAME, id="path", lines=lines, cylinders=posts)]
+    )
 
 
 def moving(now: Instant) -> SceneUpdate:
@@ -128,8 +134,8 @@ def _person(now: Instant) -> SceneEntity | None:
 def _cable(now: Instant) -> SceneEntity | None:
     if not (_known(now.p_H) and _known(now.p_R)):
         return None
-    pull = float(norm(now.f_c)) if _known(now.f_c) else 0.0
-    return _entity("cable", now.time_ns, lines=[_line(np.array((now.p_H, now.p_R)), tension_color(pull), 0.012)])
+    code = tension_color(float(norm(now.f_c))) if _known(now.f_c) else _UNKNOWN_COLOR
+    return _entity("cable", now.time_ns, lines=[_line(np.array((now.p_H, now.p_R)), code, 0.012)])
 
 
 def tension_color(pull_N: float) -> str:
@@ -162,7 +168,9 @@ def _known(v: Array) -> bool:
 
 
 def _entity(name: str, time_ns: int, **parts: Sequence[object]) -> SceneEntity:
-    return SceneEntity(timestamp=stamp(time_ns), frame_id=FRAME, id=name, **parts)  # pyright: ignore[reportArgumentType]
+    """Gone from the picture unless it is said again: what is no longer known must not stand there."""
+    lifetime = Duration(0, round(LIFETIME_S * 1e9))
+    return SceneEntity(timestamp=stamp(time_ns), frame_id=FRAME, id=name, lifetime=lifetime, **parts)  # pyright: ignore[reportArgumentType]
 
 
 def _pose(p: Sequence[float] | Array, q_wxyz: Array | None = None) -> Pose:

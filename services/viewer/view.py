@@ -4,6 +4,7 @@ import tempfile
 import webbrowser
 from collections.abc import Mapping
 from functools import partial
+from html import escape
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -21,8 +22,8 @@ from services.viewer import layout
 from services.viewer.pictures import Pictures
 
 VIEWERS = {
-    "Foxglove": "https://app.foxglove.dev/~/view?ds=remote-file&ds.url={}",
-    "Lichtblick on this machine": "http://localhost:8080/?ds=remote-file&ds.url={}",
+    "Foxglove": "https://app.foxglove.dev/~/view?ds=remote-file&ds.url={file}",
+    "Lichtblick on this machine": "http://localhost:8080/?ds=remote-file&ds.url={file}&layoutUrl={layout}",
 }
 
 
@@ -76,8 +77,10 @@ def serve(files: Mapping[str, Path], port: int) -> ThreadingHTTPServer:
 
 def links(address: str) -> str:
     """HTML to put on top of the page: where to open the recording, and with which layout."""
-    file = quote(f"{address}session.mcap", safe="")
-    opened = [f'<a href="{target.format(file)}">{name}</a>' for name, target in VIEWERS.items()]
+    file, whole = (quote(f"{address}{name}", safe="") for name in ("session.mcap", "lichtblick.json"))
+    opened = [
+        f'<a href="{escape(target.format(file=file, layout=whole))}">{name}</a>' for name, target in VIEWERS.items()
+    ]
     layouts = [f'<a download href="{name}">{name}</a>' for name in ("foxglove.json", "lichtblick.json")]
     return f'<p id="viewers">Open the recording in {", ".join(opened)}; layouts to import there: {", ".join(layouts)}; \
 <a href="session.mcap">session.mcap</a> with the scene.</p>'

@@ -128,3 +128,16 @@ def test_whatever_is_said_the_hand_moves_without_jumps(said):
         for out in outs:
             assert norm(out.p_hand_W - last) <= 1.0 * DT + P.grasp_distance_m
             last = out.p_hand_W
+
+
+def test_who_pulls_down_is_held_up_by_the_cable_until_the_arm_is_stretched():
+    """humanModel upright: with 15 N against 7 N the hand sinks at 8 N / b_H in the end, and no further than the arm goes."""
+    seven_up = np.array([0.0, 0.0, 7.0])
+    _, outs = run(holding(), 10.0, f_c_W=seven_up, down_N=15.0, down_m=5.0)
+    fastest = min(out.v_hand_W[2] for out in outs)
+    assert fastest == pytest.approx(-8.0 / BODY.b_H_Ns_per_m, abs=0.02)
+    _, outs = run(holding(), 10.0, f_c_W=seven_up, down_N=15.0, down_m=0.6)
+    assert outs[-1].p_hand_W[2] == pytest.approx(BODY.hand_height_m - 0.6)
+    assert outs[-1].v_hand_W[2] == 0.0
+    _, outs = run(holding(), 1.0, f_c_W=np.array([0.0, 0.0, 20.0]), down_N=15.0, down_m=0.6)
+    assert outs[-1].p_hand_W[2] > BODY.hand_height_m + 0.1  # a stronger cable lifts it

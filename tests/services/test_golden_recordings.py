@@ -11,7 +11,8 @@ from services.recorder.rerun import SUBJECTS, rerun
 from tests.golden_recordings import PROFILES, unpacked
 
 TOLERANCE = 1e-6
-"""The machine that recorded may round the last bits otherwise; on the machine itself all bytes are equal."""
+"""The machine that recorded may round the last bits otherwise; on the machine itself all bytes are equal. The end of the
+suite's output says which it was, service by service (tests/conftest.py)."""
 
 
 @pytest.fixture(scope="module")
@@ -23,16 +24,26 @@ def recordings(tmp_path_factory):
 
 @pytest.mark.parametrize("service", SUBJECTS)
 @pytest.mark.parametrize("profile", PROFILES)
-def test_the_present_code_says_what_was_said_in_flight(recordings, profile, service):
+def test_the_present_code_says_what_was_said_in_flight(recordings, profile, service, record_property):
     file, session = recordings[profile]
     outcome = rerun(session, service, config_with(session, file, []))
     assert outcome.compared > 100
+    equal = "bit for bit" if outcome.equal else f"{outcome.differ} of them but for rounding, to {TOLERANCE:g}"
+    record_property(
+        "rerun", f"{profile}, {service}: {outcome.compared} messages {equal}; recorded on {_where(session)}"
+    )
     if not outcome.equal:
         for key, said in outcome.said.items():
             was = session.logs[key].payloads
             assert len(said) == len(was), outcome.first
             pairs = zip(was, said, strict=True)
             assert all(alike(from_json(one), from_json(other)) for one, other in pairs), outcome.first
+
+
+def _where(session):
+    """The machine that recorded, as far as it said."""
+    told = session.metadata["clew.session"]
+    return f"{told.get('processor', 'an unnamed processor')}, {told['machine']}, numpy {told['numpy']}"
 
 
 def alike(one, other):

@@ -247,8 +247,12 @@ def test_columns_are_attributes_and_join_on_time(recorded):
     assert recorded.health_tracker.status[0] == recorded.table(HEALTH["tracker"])["status"][0]
     assert "position_m" in dir(handle)
     assert "handle" in dir(recorded)
-    with pytest.raises(AttributeError, match="try vehicle_imu, vehicle_state"):
+    with pytest.raises(AttributeError, match="vehicle is more than one topic: vehicle_imu, vehicle_state"):
         _ = recorded.vehicle
+    with pytest.raises(AttributeError, match="mocap is more than one topic: mocap_frame, mocap_seen"):
+        _ = recorded.mocap
+    with pytest.raises(AttributeError, match=r"no topic is called hand: try .*handle"):
+        _ = recorded.hand
     with pytest.raises(AttributeError, match="handle has no speed"):
         _ = handle.speed
 

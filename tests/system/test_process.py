@@ -45,6 +45,9 @@ async def run(node, how):
                 asyncio.get_running_loop().call_soon(int, "on purpose")
             if how == "finish":
                 return
+            kept = []
+            while how == "leak":
+                kept.append(os.urandom(1) * (16 << 20))
             print("running", flush=True)
             while how == "hang":
                 pass
@@ -128,13 +131,14 @@ def is_running(pid):
         return False
 
 
-@pytest.mark.parametrize("how", ["crash", "crash in a task", "crash in a callback"])
+@pytest.mark.parametrize("how", ["crash", "crash in a task", "crash in a callback", "leak"])
 def test_an_uncaught_error_ends_the_process_with_one_clear_line(start, how):
     process = start("safety_supervisor", how)
     _, errors = process.communicate(timeout=PATIENCE_s)
     assert process.returncode == 1
-    first_words = ("safety_supervisor failed: KeyError: 'on purpose'", "safety_supervisor failed: ValueError: invalid")
-    assert any(line.startswith(first_words) for line in errors.splitlines())
+    first_words = ("KeyError: 'on purpose'", "ValueError: invalid", "MemoryError")
+    said = tuple(f"safety_supervisor failed: {words}" for words in first_words)
+    assert any(line.startswith(said) for line in errors.splitlines())
     assert "Traceback" in errors
 
 

@@ -10,17 +10,18 @@ import urllib.error
 import urllib.request
 from contextlib import contextmanager
 
+import foxglove
 import numpy as np
 import pytest
 from hypothesis import assume, given
 from mcap.reader import make_reader
 
-from schemas.topics import TOPICS
+from schemas.topics import CABLE_FORCE, HANDLE_STATE, SAFETY_STATE, TOPICS
 from services.recorder.reading import read
 from services.recorder.schema import json_schema, unviewable
 from services.recorder.writer import channel_name
 from services.viewer import layout, scene, view
-from services.viewer.pictures import LOG, SCENE, SCENE_HZ, TRANSFORMS
+from services.viewer.pictures import FRESH_S, LOG, PLACE, SCENE, SCENE_HZ, SILENT, TRANSFORMS, Pictures
 from tests.laws.strategies import vectors
 from tests.services import synthetic
 from tests.services.synthetic_world import Scenario
@@ -62,16 +63,53 @@ def test_every_topic_is_as_it_was_said(session, shown):
 
 def test_scene_transforms_and_log_are_foxgloves(session, shown):
     messages, schemas = shown
-    for topic, kind in ((SCENE, "SceneUpdate"), (TRANSFORMS, "FrameTransforms"), (LOG, "Log")):
+    for topic, kind in ((SCENE, "SceneUpdate"), (PLACE, "SceneUpdate"), (TRANSFORMS, "FrameTransforms"), (LOG, "Log")):
         assert (schemas[topic].name, schemas[topic].encoding) == (f"foxglove.{kind}", "protobuf")
     moving = [m for m in messages[SCENE] if b"cable" in m.data]
     assert len(moving) == pytest.approx(session.duration_s * SCENE_HZ, rel=0.1)
     late = moving[-20].data
     for name in (b"drone", b"handle", b"person", b"world"):
         assert name in late
-    assert any(b"path" in m.data for m in messages[SCENE])
+    assert all(b"path" in m.data for m in messages[PLACE])
+    assert not any(b"path" in m.data for m in messages[SCENE])  # after a jump in time a viewer has the last of each
     assert any(b"guiding" in m.data for m in messages[LOG])
     assert b"robot" in messages[TRANSFORMS][-1].data
+    assert b"world" in messages[TRANSFORMS][0].data
+
+
+def test_what_is_invalid_or_old_is_not_drawn(tmp_path):
+    """A handle nobody sees, a force nobody trusts, a bridge that died: none of them may stand in the picture."""
+    payloads = {}
+    for key, payload, stamp_ns in synthetic.samples(SHORT):
+        if stamp_ns < synthetic.MONOTONIC_NS + 5_000_000_000:
+            payloads[key] = payload
+    doubted = dict(payloads)
+    for key in (HANDLE_STATE.key, CABLE_FORCE.key):
+        doubted[key] = json.dumps(json.loads(payloads[key]) | {"valid": False}).encode()
+    late_ns = round((FRESH_S + 0.1) * 1e9)
+    assert _drawn(tmp_path / "seen.mcap", payloads) >= {b"drone", b"handle", b"cable", b"person"}
+    assert _drawn(tmp_path / "doubted.mcap", doubted) == {b"drone", b"person"}
+    assert _drawn(tmp_path / "dead.mcap", payloads, late_ns) == set()
+
+
+def test_a_silent_supervisor_is_said_in_the_picture(tmp_path):
+    payloads = {key: payload for key, payload, _ in synthetic.samples(SHORT) if key != SAFETY_STATE.key}
+    assert SILENT.encode() in _drawn(tmp_path / "silent.mcap", payloads, words=(SILENT.encode(),))
+
+
+def _drawn(file, payloads, later_ns=0, words=(b"drone", b"handle", b"cable", b"person")):
+    """Which words are in the scene that is drawn so long after these messages."""
+    context = foxglove.Context()
+    with foxglove.open_mcap(file, context=context):
+        pictures = Pictures(context, None)
+        for key, payload in payloads.items():
+            pictures.take(key, payload, 1)
+        pictures.tick(100_000_000 + later_ns)
+    with file.open("rb") as stream:
+        last = [message.data for _, channel, message in make_reader(stream).iter_messages() if channel.topic == SCENE][
+            -1
+        ]
+    return {word for word in words if word in last}
 
 
 @given(vectors(3.0))
@@ -99,6 +137,7 @@ def test_layouts_name_topics_and_fields_that_exist():
                 schema = schema["properties"][part]
     whole = json.loads(layout.lichtblick())
     assert set(_leaves(whole["layout"])) == set(whole["configById"])
+    assert set(whole["configById"]["3D!scene"]["topics"]) == {SCENE, PLACE, TRANSFORMS}
     assert SCENE in layout.foxglove()
     assert json.loads(layout.foxglove())["content"]
 
@@ -148,6 +187,7 @@ def test_a_browser_opens_the_page_and_finds_the_viewers(files, tmp_path):
         ended = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
     assert 'data-ready="yes"' in ended.stdout
     assert "ds=remote-file&amp;ds.url=http%3A%2F%2F127.0.0.1" in ended.stdout
+    assert "&amp;layoutUrl=http%3A%2F%2F127.0.0.1" in ended.stdout
     assert "CONSOLE" not in ended.stderr
 
 
@@ -164,7 +204,7 @@ def test_the_live_server_speaks_foxgloves_protocol(session, tmp_path):
         process.communicate()
     info, offer = sorted(texts, key=lambda text: text["op"] != "serverInfo")
     assert info["name"].startswith("Clew: ")
-    assert {SCENE, TRANSFORMS, LOG, *(channel_name(topic.key) for topic in TOPICS)} <= {
+    assert {SCENE, PLACE, TRANSFORMS, LOG, *(channel_name(topic.key) for topic in TOPICS)} <= {
         channel["topic"] for channel in offer["channels"]
     }
 

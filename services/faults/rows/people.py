@@ -67,6 +67,17 @@ def people() -> Iterator[Fault]:
         exempt=DRAGS,
     )
     yield deed(
+        "pulls_down_with_15_newtons",
+        "the person pulls down with 15 N, by as much as the arm gives: 0.6 m",
+        Reaction.LET_GO,
+        0.6,
+        kind=Kind.PULL_DOWN,
+        duration_s=2.0,
+        force_W_N=(0.0, 0.0, -15.0),
+        rise_m=-0.6,
+        exempt=DRAGS,
+    )
+    yield deed(
         "lifts_the_hand",
         "the hand rises by 0.7 m at 0.7 m/s",
         Reaction.ANY,

@@ -1,0 +1,44 @@
+"""What is promised of every fault, and how a window is held to it."""
+
+from schemas.safety import Level
+from schemas.topics import SAFETY_STATE, SETPOINT
+from tests.processes.window import Window
+
+FORCE_N, CALM_N = 2.5, 0.3
+SILENT_S = 0.1
+TURN_S = 0.05
+"""What a real loop adds to the virtual clock's time: its turn, the way over the bus, the next loop's turn."""
+
+
+def assert_pulled(w: Window) -> None:
+    """Else nothing was there to be taken away."""
+    assert w.pull_N(-0.5, 0.0) > 0.5, f"nothing was pulling: {w}"
+
+
+def assert_force(w: Window) -> None:
+    """Never more than before, or 2.5 N."""
+    assert w.commanded_N() <= max(w.commanded_N(-0.5, 0.0), FORCE_N) + 1e-3, w
+
+
+def assert_backs_off(w: Window, within_s: float) -> None:
+    """In time, and then without a pull. What the host took away meanwhile is nobody's reaction."""
+    assert w.backs_off_s() < within_s + TURN_S + w.waited_s(within_s + 1.0), w
+    assert w.pull_after_N() < CALM_N, w
+    assert_force(w)
+
+
+def assert_silent(w: Window, back_s: float = float("inf")) -> None:
+    """No set-point leaves more than 0.1 s after the loop that makes them stood still.
+
+    One that is `back_s` later may send until it hears, within 0.1 s, that the autopilot lands, which does not follow it.
+    """
+    late_s = [t for t, _ in w.all(SETPOINT, SILENT_S) if not back_s - TURN_S < t < back_s + SILENT_S]
+    assert not late_s, f"set-points at {late_s[:5]}: {w}"
+
+
+def assert_unnoticed(w: Window) -> None:
+    """Nothing above a warning, and the pull is there all the time."""
+    assert max(w.levels()) <= Level.WARN, w
+    assert w.backs_off_s() == float("inf"), w
+    assert len(w.all(SAFETY_STATE)) > 10
+    assert_force(w)

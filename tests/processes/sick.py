@@ -1,0 +1,39 @@
+"""A service as `clew run` runs it, that falls ill when told: `python -m tests.processes.sick run --profile FILE NAME`.
+
+SIGUSR1 makes it spin and never let go of the interpreter's lock, until the next SIGUSR1; SIGUSR2 makes it leak.
+"""
+
+import asyncio
+import os
+import signal
+import sys
+
+from services.console import cli
+
+LEAK_BYTES, LEAK_PERIOD_S = 16 << 20, 0.01
+
+_spins = False
+_kept: list[bytes] = []
+
+
+def spin(*_: object) -> None:
+    """In the loop's thread, so that the loop hangs; the second signal comes in while the first still spins."""
+    global _spins
+    _spins = not _spins
+    before_s = sys.getswitchinterval()
+    sys.setswitchinterval(1e6)
+    while _spins:
+        pass
+    sys.setswitchinterval(min(before_s, 1.0))
+
+
+def leak(*_: object) -> None:
+    """More and more, until something stops it."""
+    _kept.append(os.urandom(1) * LEAK_BYTES)
+    asyncio.get_running_loop().call_later(LEAK_PERIOD_S, leak)
+
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGUSR1, spin)
+    signal.signal(signal.SIGUSR2, leak)
+    cli.main()

@@ -1,0 +1,156 @@
+"""What ends the flight: a bridge that is gone, a supervisor that is gone for long or begins anew, a vehicle that nobody sees.
+
+Where the autopilot lands by itself its mode is read off the simulated vehicle's fall: nobody is left who could tell it.
+"""
+
+import asyncio
+
+import pytest
+
+from schemas.safety import Action, Level, Phase
+from schemas.topics import SAFETY_STATE, SETPOINT
+from tests.processes import promises
+from tests.processes.deeds import killed, leaked, restarted, spun, stopped
+from tests.processes.system import System, fly
+
+LOST_S, SINK_S = 0.9, 1.5
+"""PX4 lands by itself so long after the last set-point; and then takes so long to be seen sinking."""
+
+
+@pytest.mark.parametrize(
+    ("phase", "deed"),
+    [
+        pytest.param(Phase.TAKEOFF, stopped(5.0), id="stopped for 5 s in takeoff"),
+        pytest.param(Phase.ZEROING, spun(5.0), id="spins for 5 s in zeroing"),
+        pytest.param(Phase.READY, killed, id="killed in ready"),
+    ],
+)
+def test_without_the_bridge_the_autopilot_lands(tmp_path, phase, deed):
+    async def script(system: System) -> None:
+        await system.reach(phase)
+        await asyncio.sleep(1.0)
+        async with system.broken("px4_bridge") as window:
+            await deed(system, "px4_bridge")
+            window.done_s = window.age_s
+            await system.landed()
+            await asyncio.sleep(1.0)
+        promises.assert_silent(window, window.done_s)
+        assert window.sinks_s() < LOST_S + SINK_S + window.waited_s(LOST_S + SINK_S), window
+        assert Level.DESCEND in window.levels(), window
+        if deed is not killed:
+            await system.put_down()
+
+    fly(tmp_path, script)
+
+
+def test_a_bridge_that_was_away_for_long_leaves_the_landing_to_the_autopilot(tmp_path):
+    """After two absences that the autopilot bridges."""
+
+    async def script(system: System) -> None:
+        await system.reach(Phase.GUIDING)
+        for short in (stopped(0.3), spun(0.3)):
+            await system.pulled()
+            async with system.broken("px4_bridge") as window:
+                await short(system, "px4_bridge")
+                await asyncio.sleep(1.0)
+            promises.assert_pulled(window)
+            promises.assert_backs_off(window, 0.35)
+        await system.pulled()
+        async with system.broken("px4_bridge") as window:
+            await stopped(1.0)(system, "px4_bridge")
+            window.done_s = window.age_s
+            await system.put_down()
+        promises.assert_pulled(window)
+        promises.assert_silent(window, window.done_s)
+        promises.assert_force(window)
+        assert window.sinks_s() < LOST_S + SINK_S + window.waited_s(LOST_S + SINK_S), window
+
+    fly(tmp_path, script)
+
+
+def test_a_bridge_that_begins_anew_does_not_take_the_vehicle_back(tmp_path):
+    async def script(system: System) -> None:
+        await system.guided()
+        async with system.broken("px4_bridge") as window:
+            await restarted(system, "px4_bridge")
+            await system.put_down()
+            await asyncio.sleep(2.0)
+        promises.assert_pulled(window)
+        promises.assert_silent(window)
+        assert system.disarmed
+        assert Level.DESCEND in window.levels(), window
+
+    fly(tmp_path, script)
+
+
+def test_supervisor_and_bridge_dead(tmp_path):
+    """Both of their own leaks, one after the other; nobody obeys a kill any more, and the command says so."""
+
+    async def script(system: System) -> None:
+        await system.guided()
+        async with system.broken("safety_supervisor") as window:
+            await leaked(system, "safety_supervisor")
+            gone_s = window.age_s
+            await asyncio.sleep(1.0)
+        promises.assert_pulled(window)
+        promises.assert_backs_off(window, gone_s + 0.3)
+        async with system.broken("px4_bridge") as window:
+            await leaked(system, "px4_bridge")
+            gone_s = window.age_s
+            code, told = await system.clew("kill")
+            await system.landed()
+        assert window.silent_s() < gone_s + promises.SILENT_S, window
+        assert window.sinks_s() < gone_s + LOST_S + SINK_S + window.waited_s(gone_s + 2.0), window
+        assert code == 1
+        assert "NOT OBEYED. Use the radio control's kill switch" in told
+
+    fly(tmp_path, script)
+
+
+def test_without_the_supervisor_a_person_can_still_stop_the_motors(tmp_path):
+    async def script(system: System) -> None:
+        await system.guided()
+        async with system.broken("safety_supervisor") as window:
+            await killed(system, "safety_supervisor")
+            code, told = await system.clew("kill")
+            await system.landed()
+        promises.assert_pulled(window)
+        promises.assert_backs_off(window, 0.3)
+        assert (code, system.disarmed) == (0, True), told
+
+    fly(tmp_path, script)
+
+
+def test_a_supervisor_that_begins_in_flight_holds_until_a_person_resumes_and_then_lands(tmp_path):
+    async def script(system: System) -> None:
+        await system.guided()
+        async with system.broken("safety_supervisor") as window:
+            await restarted(system, "safety_supervisor")
+            await system.until(lambda: system.phase is Phase.HOLD, "held")
+            await asyncio.sleep(1.0)
+            promises.assert_pulled(window)
+            promises.assert_backs_off(window, 0.3)
+            assert any("the supervisor began in flight" in reason for reason in window.reasons()), window
+            await system.until_accepted(Action.RESUME)
+            await system.put_down()
+        assert Phase.GUIDING not in window.phases()[1:], window
+        assert Phase.CLEARING in window.phases(), window
+
+    fly(tmp_path, script)
+
+
+def test_a_tracker_that_begins_anew_is_believed_if_it_comes_in_time(tmp_path):
+    """Within 2.5 s; a slow host needs longer for a start, and then the flight is over."""
+
+    async def script(system: System) -> None:
+        await system.guided()
+        async with system.broken("tracker") as window:
+            await restarted(system, "tracker")
+            await system.until(lambda: system.pulls or system.phase is Phase.LANDED, "pulled again, or landed")
+        promises.assert_pulled(window)
+        promises.assert_backs_off(window, 0.3)
+        resumed = [t for t, m in window.all(SETPOINT, window.backs_off_s()) if m.kind.value == "admittance"]
+        descended = [t for t, m in window.all(SAFETY_STATE) if m.level is Level.DESCEND]
+        assert bool(resumed) is not bool(descended), window
+
+    fly(tmp_path, script)
