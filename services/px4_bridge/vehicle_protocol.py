@@ -7,11 +7,12 @@ from numpy.typing import NDArray
 
 from schemas.vehicle import FlightMode
 from services.px4_bridge.telemetry import Checks, ImuSample, VehicleSample
+from services.runtime.plain import PlainError
 
 Array = NDArray[np.float64]
 
 
-class VehicleError(RuntimeError):
+class VehicleError(PlainError):
     """The autopilot cannot be reached, refuses, or does not do what it acknowledged."""
 
 

@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 from services.runtime.bus_config import BusConfig
 from services.runtime.clock import MonotonicClock
 from services.runtime.node import Node
+from services.runtime.plain import PlainError
 from services.runtime.zenoh_bus import open_bus
 
 Config = TypeVar("Config")
@@ -74,11 +75,14 @@ class _Life:
             await task
         except (Exception, asyncio.CancelledError) as why:
             stopped = self._asked and isinstance(why, asyncio.CancelledError)
-            return 0 if stopped else self.failed(self._stray or why, trace=True)
+            return 0 if stopped else self._ended_by(self._stray or why)
         finally:
             _kill_after(GRACE_s)  # closing must not hang either
             self._cancel = None  # the loop is about to close
         return 0
+
+    def _ended_by(self, why: BaseException) -> int:
+        return self.failed(why, trace=not isinstance(why, PlainError))
 
     def failed(self, why: BaseException, *, trace: bool = False) -> int:
         """Say why, in one line first; returns the exit code."""

@@ -14,6 +14,7 @@ import numpy as np
 
 from schemas import frames
 from services.physics import Array
+from services.runtime.plain import PlainError
 from services.simulator.autopilot import STEP_S, Sensors
 from services.simulator.pilot import Pilot
 from services.simulator.wire import Wire, take_frame, unpack
@@ -30,7 +31,7 @@ _STEP_us = round(1e6 * STEP_S)
 _SEA_LEVEL_hPa, _SCALE_HEIGHT_M, _ROOM_degC = 1013.25, 8434.5, 20.0
 
 
-class Px4Lost(RuntimeError):
+class Px4Lost(PlainError):
     """PX4 has gone, or does not answer."""
 
 
@@ -105,7 +106,10 @@ class Px4Hil(Pilot):
         try:
             data = self._socket.recv(4096)
         except TimeoutError:
-            raise Px4Lost(f"PX4 has not answered its sensors for {ANSWER_S:g} s; see px4.log") from None
+            told = (
+                f"PX4 has not answered its sensors for {ANSWER_S:g} s: does something else use this host? See px4.log"
+            )
+            raise Px4Lost(told) from None
         except OSError as error:
             raise Px4Lost(f"PX4 is gone: {error.strerror}; see px4.log") from None
         if not data:

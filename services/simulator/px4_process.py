@@ -11,6 +11,7 @@ from collections.abc import AsyncGenerator, Generator
 from contextlib import AsyncExitStack, asynccontextmanager, contextmanager
 from pathlib import Path
 
+from services.runtime.plain import PlainError
 from services.sections import Vehicle
 from services.simulator import px4_sitl
 from services.simulator.px4_hil import Px4Hil
@@ -23,7 +24,7 @@ _PR_SET_PDEATHSIG = 1
 _UNKNOWN_PARAMETER = re.compile(r"Parameter (\w+) not found")
 
 
-class Px4NotThere(RuntimeError):
+class Px4NotThere(PlainError):
     """PX4 cannot be started, or does not come; the text says what to do."""
 
 

@@ -69,6 +69,18 @@ def test_a_program_without_its_scripts_is_no_px4(tmp_path):
         connect(tmp_path, "/usr/bin/true")
 
 
+def test_a_service_that_ends_by_it_says_one_line(tmp_path):
+    """A user with the wrong program has no use for a traceback."""
+    profile = tmp_path / "mine.toml"
+    profile.write_text(f'base = "px4-sitl"\n[simulator.px4_sitl]\ninstance = {free_instance()}\n')
+    command = [sys.executable, "-P", "-m", "services.console.cli", "run", "simulator", "--profile", str(profile)]
+    environment = os.environ | {"CLEW_RUN_DIR": str(tmp_path / "run"), "PX4_BIN": "/usr/bin/true"}
+    ended = subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert ended.returncode == 1
+    (line,) = ended.stderr.splitlines()
+    assert line.startswith("simulator failed: Px4NotThere: /usr/bin/true: no PX4 for simulation: ")
+
+
 def test_a_px4_that_ends_at_once_is_quoted(tmp_path):
     binary = program(tmp_path, "print('ERROR [init] Unknown model'); raise SystemExit(3)")
     with pytest.raises(Px4NotThere, match=r"ended with exit code 3\n  px4: ERROR \[init\] Unknown model"):
