@@ -2,6 +2,8 @@
 
 import json
 import subprocess
+from functools import reduce
+from operator import getitem
 
 import pytest
 
@@ -21,9 +23,31 @@ def demo(tmp_path_factory):
     """One demo. A flight that fails on a host which cannot keep real time says nothing about the system: skipped, by name."""
     folder = tmp_path_factory.mktemp("demo")
     ended = run(folder, "demo", "--no-live", "--profile", str(write_profile(folder)), timeout_s=200.0)
-    if ended.returncode and (missed := missed_share(folder / "sessions/latest/session.mcap")) > STARVED:
+    session = folder / "sessions/latest"
+    if (ended.returncode or beyond(session)) and (missed := missed_share(session / "session.mcap")) > STARVED:
         pytest.skip(f"the host took the processor away: the simulated world missed {missed:.0%} of its periods")
     return folder, ended
+
+
+def beyond(session) -> list[str]:
+    """What of the flight is not as it must be."""
+    if not (file := session / "summary.json").exists():
+        return ["no summary"]
+    summary = json.loads(file.read_text())
+    limits = {
+        "path_error.mean_m": 0.035,
+        "path_error.max_m": 0.065,
+        "end_error_m": 0.10,
+        "slack_fraction": 0.02,
+        "hand_force.max_n": 2.5,
+        "messages_lost": 0.5,
+        "force_error.rms_n": 0.08,
+        "tracking_error.rms_m": 0.04,
+    }
+    values = {name: reduce(getitem, name.split("."), summary) for name in limits}
+    return summary["reasons"] + [
+        f"{name} = {value}" for name, value in values.items() if value is None or value >= limits[name]
+    ]
 
 
 def missed_share(recording) -> float:
@@ -40,16 +64,7 @@ def missed_share(recording) -> float:
 def test_the_demo_flies_from_take_off_to_landing(demo):
     folder, ended = demo
     assert ended.returncode == 0, ended.stdout[-3000:] + ended.stderr[-3000:]
-    summary = json.loads((folder / "sessions/latest/summary.json").read_text())
-    assert summary["ok"], summary["reasons"]
-    assert summary["path_error"]["mean_m"] < 0.035
-    assert summary["path_error"]["max_m"] < 0.065
-    assert summary["end_error_m"] < 0.10
-    assert summary["slack_fraction"] < 0.02
-    assert summary["hand_force"]["max_n"] < 2.5
-    assert summary["messages_lost"] == 0
-    assert summary["force_error"]["rms_n"] < 0.08
-    assert summary["tracking_error"]["rms_m"] < 0.04
+    assert not beyond(folder / "sessions/latest")
 
 
 def test_it_leaves_figures_and_a_recording_that_names_causes(demo):

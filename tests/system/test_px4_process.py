@@ -70,9 +70,9 @@ def test_a_program_without_its_scripts_is_no_px4(tmp_path):
 
 
 def test_a_service_that_ends_by_it_says_one_line(tmp_path):
-    """A user with the wrong program has no use for a traceback."""
+    """A user with the wrong program has no use for a traceback. The system's name is short, as a socket's path must be."""
     profile = tmp_path / "mine.toml"
-    profile.write_text(f'base = "px4-sitl"\n[simulator.px4_sitl]\ninstance = {free_instance()}\n')
+    profile.write_text(f'base = "px4-sitl"\n[system]\nname = "p"\n[simulator.px4_sitl]\ninstance = {free_instance()}\n')
     command = [sys.executable, "-P", "-m", "services.console.cli", "run", "simulator", "--profile", str(profile)]
     environment = os.environ | {"CLEW_RUN_DIR": str(tmp_path / "run"), "PX4_BIN": "/usr/bin/true"}
     ended = subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True, check=False)
