@@ -1,16 +1,12 @@
 """One pair of hosts for all tests of this folder, or none, and then each test is skipped by name."""
 
 from collections.abc import Generator
-from pathlib import Path
 
 import pytest
 
 from tests.net.two_hosts import NAMES, TwoHosts, can, make_certificates, read_until, stop, write_profile
 
 AHEAD_s = 5000
-IDLE_MIN = 0.1
-"""Share of the processors' time that was left over in a test: a host with less than that cannot keep real time."""
-_BEGAN = pytest.StashKey[tuple[int, int]]()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -20,32 +16,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker("net")
             if not can():
                 item.add_marker(pytest.mark.skip(reason="needs root, network and time namespaces, and /dev/net/tun"))
-
-
-def _processors() -> tuple[int, int]:
-    """What they idled and all of their time since boot, in the kernel's ticks."""
-    ticks = [int(word) for word in Path("/proc/stat").read_text().splitlines()[0].split()[1:9]]
-    return ticks[3] + ticks[4], sum(ticks)
-
-
-def pytest_runtest_setup(item: pytest.Item) -> None:
-    """From here on it is counted whether the host has time for the test."""
-    item.stash[_BEGAN] = _processors()
-
-
-@pytest.hookimpl(wrapper=True)
-def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """What fails on a host that has no time left says nothing about the system: skipped, by name."""
-    report = yield
-    if report.failed and _BEGAN in item.stash:
-        (idle, total), (idle_now, total_now) = item.stash[_BEGAN], _processors()
-        left = (idle_now - idle) / max(1, total_now - total)
-        if left < IDLE_MIN:
-            path, line, _ = item.location
-            why = report.longreprtext.strip().splitlines()[-1]
-            report.outcome = "skipped"
-            report.longrepr = (path, line or 0, f"Skipped: the host had {left:.0%} of its processors' time left: {why}")
-    return report
 
 
 @pytest.fixture(scope="session")
