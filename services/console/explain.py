@@ -15,6 +15,7 @@ from services.px4_bridge.energy import ROUNDING_J
 from services.recorder import figures, metrics, reading
 from services.recorder.passivity import Books, Walk, filter_books, physical_books, walk, worst
 from services.recorder.reading import Session
+from services.session_files import session_file
 
 TOLD_J = 1e-6
 """A fall of what a port dissipated is told from here on: far below anything that can be felt."""
@@ -30,12 +31,13 @@ SUMS = (
 )
 
 
-def explain(file: Path, out: Path | None) -> int:
+def explain(given: Path, out: Path | None) -> int:
     """Print the tables and write energy.png beside the recording, or into `out`.
 
     Returns the exit code: 0, 1 where the filter made energy, 2 where there is no recording to read or nowhere to write.
     """
     try:
+        file = session_file(given)
         session = reading.read(file)
         if not session.logs:
             raise ValueError(f"{file}: no message can be read; {session.damage or 'the recording is empty'}")
@@ -137,4 +139,4 @@ def _J(energy: float) -> str:
 
 
 def _plain(error: OSError | ValueError) -> str:
-    return f"{error.filename}: {error.strerror}" if isinstance(error, OSError) else str(error)
+    return f"{error.filename}: {error.strerror}" if isinstance(error, OSError) and error.filename else str(error)

@@ -51,8 +51,9 @@ def test_v_of_the_walk_ends_near_zero_and_its_observed_rate_adds_up_to_it(file):
     assert observed == pytest.approx(walked.V_J[-1] - walked.V_J[0], rel=0.01)
 
 
-def test_it_prints_tables_and_writes_the_figure(file, tmp_path):
-    result = told(file, "--out", tmp_path)
+@pytest.mark.parametrize("given", ["session.mcap", "."], ids=["file", "folder"])
+def test_it_prints_tables_and_writes_the_figure(file, given, tmp_path):
+    result = told(file.parent / given, "--out", tmp_path)
     assert result.exit_code == 0, result.output
     assert f"{GUIDED_W * Scenario().guiding_s:.3f} J" in result.output
     assert "passive at its port throughout" in result.output
