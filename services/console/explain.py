@@ -15,6 +15,7 @@ from services.px4_bridge.energy import ROUNDING_J
 from services.recorder import figures, metrics, reading
 from services.recorder.passivity import Books, Walk, filter_books, physical_books, walk, worst
 from services.recorder.reading import Session
+from services.recorder.walk import NO_PHASE_2, guided
 from services.session_files import session_file
 
 TOLD_J = 1e-6
@@ -70,7 +71,8 @@ def _ports(session: Session) -> Table:
 def _lyapunov(session: Session) -> Table:
     walked = walk(session)
     table = _table("V of the walk, true states", "")
-    for label, value in _walk_rows(session, walked) if walked else [("V", f"{UNKNOWN}: needs the simulator's truth")]:
+    lacks = "needs the simulator's truth and the path" if guided(session) else NO_PHASE_2
+    for label, value in _walk_rows(session, walked) if walked else [("V", f"{UNKNOWN}: {lacks}")]:
         table.add_row(label, value)
     return table
 
