@@ -33,6 +33,7 @@ from services.simulator.mavlink_streams import (
 
 Array = NDArray[np.float64]
 
+UNREAD_S = 0.02
 Messages = list[tuple[str, telemetry.Fields]]
 Garble = Callable[[Messages], Messages]
 
@@ -60,9 +61,9 @@ class DirectVehicle(CommandedVehicle):
         """What happens to the autopilot's messages on their way."""
         self.refuses: tuple[type[Request], ...] = ()
         """Requests that the autopilot denies."""
-        self.going = asyncio.Event()
-        """While it is not set, the process at the bridge's end stands still."""
-        self.going.set()
+        self._going = asyncio.Event()
+        self._going.set()
+        self._unread: list[tuple[Messages, Output]] = []
 
     # The autopilot's side.
 
@@ -79,7 +80,24 @@ class DirectVehicle(CommandedVehicle):
         self._px4 = dict(state.px4)
         self._pass(lambda: self._arrive(messages, output))
 
+    def stop(self) -> None:
+        """The process at the bridge's end stands still; what arrives meanwhile waits."""
+        self._going.clear()
+
+    def go_on(self) -> None:
+        """Its loop turns before it has read what waited."""
+        self._going.set()
+        asyncio.get_running_loop().call_later(UNREAD_S, self._read)
+
+    def _read(self) -> None:
+        unread, self._unread = self._unread, []
+        for messages, output in unread:
+            self._arrive(messages, output)
+
     def _arrive(self, messages: Messages, output: Output) -> None:
+        if self._unread or not self._going.is_set():
+            self._unread.append((messages, output))
+            return
         for name, fields in messages:
             self._telemetry.take(name, fields, self._now_ns())
         for text in output.texts:
@@ -99,7 +117,7 @@ class DirectVehicle(CommandedVehicle):
 
     async def wait_imu(self) -> None:
         await super().wait_imu()
-        await self.going.wait()
+        await self._going.wait()
 
     def send_setpoint(self, p_W: Array | None, v_W: Array | None, a_W: Array | None, yaw_rad: float | None) -> None:
         telecommand.setpoint(p_W, v_W, a_W, yaw_rad)  # refuses what the wire would refuse
