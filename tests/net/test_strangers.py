@@ -18,9 +18,9 @@ import pytest
 
 from schemas.topics import GUIDANCE, TOPICS
 from services.gateway import certs
+from tests.net.stranger import PREFIX
 from tests.net.two_hosts import GROUND_IP, NAMES, TwoHosts, lines, read_until, stop
 
-PREFIX = "clew/@v1/t/"
 ALL = [f"{PREFIX}{topic.key}" for topic in TOPICS]
 COMMAND = json.dumps(
     {
