@@ -106,7 +106,7 @@ def conversation(hosts: TwoHosts, seconds: float, *, bulk: bool) -> tuple[list[d
     """What the bridge hears of the guiding controller."""
     profiles = {host: str(hosts.folder / f"{host}.toml") for host in ("drone", "ground")}
     before = len(hosts.processes)
-    ear = hosts.end("drone", "ear", profiles["drone"], "px4_bridge", str(seconds + 3.0), GUIDANCE.key)
+    ear = hosts.end("drone", "ear", profiles["drone"], "px4_bridge", str(seconds + 3.0), f"+{GUIDANCE.key}")
     read_until(ear, "listening")
     if bulk:
         crowd = hosts.end("drone", "ear", profiles["drone"], "safety_supervisor", str(seconds + 3.0), "sim/truth")
@@ -123,7 +123,8 @@ def conversation(hosts: TwoHosts, seconds: float, *, bulk: bool) -> tuple[list[d
 
 
 def _ages(taken: list[dict[str, Any]], refused: int, delay_ms: float) -> Row:
-    ages = sorted(entry["age_s"] * 1e3 for entry in taken)
+    """Both hosts have this machine's clock, so the age is the true one, free of what the comparison of clocks is off."""
+    ages = sorted(entry["t_s"] * 1e3 - entry["said"]["stamp_ns"] * 1e-6 for entry in taken)
     seqs = [entry["seq"] for entry in taken]
     p50, p99 = ages[len(ages) // 2], ages[int(0.99 * len(ages))]
     said = seqs[-1] - seqs[0] + 1

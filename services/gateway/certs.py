@@ -93,10 +93,10 @@ def credentials(of: Path, name: str, role: str, address: str = "") -> Credential
     """
     found = Credentials(of / "ca.pem", of / f"{name}.pem", of / f"{name}.key")
     if not found.ca.is_file():
-        raise CertsError(f"{found.ca}: is missing; clew certs init makes it, on one machine for all")
+        raise CertsError(f"{found.ca}: is missing: copy it from the one machine where clew certs init made it")
     for file in (found.certificate, found.key):
         if not file.is_file():
-            raise CertsError(f"{file}: is missing; clew certs issue {name} --role {role} makes it")
+            raise CertsError(f"{file}: is missing: clew certs issue {name} --role {role} makes it, where ca.key is")
     mode = found.key.stat().st_mode & 0o777
     if mode & 0o077:
         raise CertsError(f"{found.key}: mode {mode:o}: must be 600, others can read it")
