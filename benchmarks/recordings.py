@@ -27,7 +27,8 @@ from services.console.replay import spoken
 from services.console.start import bus_config, launch_all
 from services.recorder import Session
 from services.recorder.page import write_page
-from services.recorder.rerun import SUBJECTS, rerun
+from services.recorder.rerun import rerun
+from services.recorder.rerun_subjects import SUBJECTS
 from services.recorder.schema import json_schema, schema_text
 from services.recorder.service import LOGGED
 from services.recorder.walk import CONFIG_ATTACHMENT

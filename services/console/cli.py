@@ -159,7 +159,7 @@ _command("resume", "resume", "Go on after stop or hold, if nothing else limits t
 
 @app.command()
 def explain(
-    session: Annotated[Path, typer.Argument(help="a recording: session.mcap")],
+    session: Annotated[Path, typer.Argument(help="a recording: session.mcap, or its folder")],
     out: Annotated[Path | None, typer.Option(help="where energy.png goes; beside the recording by default")] = None,
 ) -> None:
     """Where a session's energy went: V, its rate, and the balance at each port."""

@@ -15,6 +15,8 @@ from services.px4_bridge.energy import ROUNDING_J
 from services.recorder import figures, metrics, reading
 from services.recorder.passivity import Books, Walk, filter_books, physical_books, walk, worst
 from services.recorder.reading import Session
+from services.recorder.walk import NO_PHASE_2, guided
+from services.session_files import session_file
 
 TOLD_J = 1e-6
 """A fall of what a port dissipated is told from here on: far below anything that can be felt."""
@@ -30,12 +32,13 @@ SUMS = (
 )
 
 
-def explain(file: Path, out: Path | None) -> int:
+def explain(given: Path, out: Path | None) -> int:
     """Print the tables and write energy.png beside the recording, or into `out`.
 
     Returns the exit code: 0, 1 where the filter made energy, 2 where there is no recording to read or nowhere to write.
     """
     try:
+        file = session_file(given)
         session = reading.read(file)
         if not session.logs:
             raise ValueError(f"{file}: no message can be read; {session.damage or 'the recording is empty'}")
@@ -68,7 +71,8 @@ def _ports(session: Session) -> Table:
 def _lyapunov(session: Session) -> Table:
     walked = walk(session)
     table = _table("V of the walk, true states", "")
-    for label, value in _walk_rows(session, walked) if walked else [("V", f"{UNKNOWN}: needs the simulator's truth")]:
+    lacks = "needs the simulator's truth and the path" if guided(session) else NO_PHASE_2
+    for label, value in _walk_rows(session, walked) if walked else [("V", f"{UNKNOWN}: {lacks}")]:
         table.add_row(label, value)
     return table
 
@@ -137,4 +141,4 @@ def _J(energy: float) -> str:
 
 
 def _plain(error: OSError | ValueError) -> str:
-    return f"{error.filename}: {error.strerror}" if isinstance(error, OSError) else str(error)
+    return f"{error.filename}: {error.strerror}" if isinstance(error, OSError) and error.filename else str(error)

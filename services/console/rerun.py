@@ -11,7 +11,8 @@ from rich.table import Table
 from services import config as configuration
 from services.config import Config, ConfigError
 from services.recorder.reading import Session, read
-from services.recorder.rerun import SUBJECTS, CannotRerun, Outcome, rerun, thinned_for
+from services.recorder.rerun import CannotRerun, Outcome, rerun, thinned_for
+from services.recorder.rerun_subjects import SUBJECTS
 from services.recorder.walk import CONFIG_ATTACHMENT, config_of
 from services.recorder.what_if import draw
 from services.session_files import complain, session_file

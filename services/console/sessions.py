@@ -22,6 +22,7 @@ from services.recorder.inspection import Findings, inspect
 from services.recorder.page import write_page
 from services.recorder.reading import Session
 from services.recorder.recovery import recover
+from services.recorder.walk import NO_PHASE_2, guided
 from services.runtime.zenoh_bus import open_bus
 from services.session_files import FILE, complain, session_file
 
@@ -71,6 +72,9 @@ def report(given: Sequence[Path], out: Path | None, figures: Path | None) -> int
         sessions = [Session(session_file(one)) for one in given]
         alone = sessions[0].file.parent if len(sessions) == 1 else Path()
         print(write_page(sessions, out or alone / "report.html"))  # noqa: T201
+        for session in sessions:
+            if not guided(session):
+                print(f"{session.file}: {NO_PHASE_2}", file=sys.stderr)  # noqa: T201
         for session in sessions if figures else []:
             folder = figures / session.file.resolve().parent.name if figures else Path()
             for suffix in (".png", ".pdf"):

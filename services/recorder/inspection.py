@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from schemas.safety import Phase
 from schemas.topics import BY_KEY
 from services.recorder.origin import FORMAT
 from services.recorder.reading import Session
 from services.recorder.schema import json_schema
 from services.recorder.verdict import Count, Verdict
+from services.recorder.walk import NO_PHASE_2, guided
 
 
 @dataclass(frozen=True)
@@ -81,9 +81,8 @@ def _versions(session: Session) -> Iterator[str]:
 
 
 def _contents(session: Session) -> Iterator[str]:
-    phases = {interval.phase for interval in session.phases}
-    if Phase.GUIDING not in phases:
-        yield "nobody was guided: it has no phase 2"
+    if not guided(session):
+        yield NO_PHASE_2
     if unknown := [key for key in session.keys if key not in BY_KEY]:
         yield f"topics that are not known here: {', '.join(unknown)}"
 

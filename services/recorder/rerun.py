@@ -7,90 +7,25 @@ begins anew with its next message, as after a restart.
 
 import asyncio
 import time
-from collections.abc import Callable, Coroutine, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, cast
 
 from schemas.message import MISSED, TICK, Message
-from schemas.topics import (
-    CABLE_FORCE,
-    ENERGY,
-    GUIDANCE,
-    HANDLE_STATE,
-    REPLY,
-    ROBOT_POSE,
-    SAFETY_STATE,
-    SETPOINT,
-    TOPICS,
-    VEHICLE_STATE,
-    Topic,
-)
-from schemas.vehicle import VehicleState
+from schemas.topics import TOPICS, Topic
 from services.config import Config
-from services.force_estimator import service as force_estimator
-from services.guiding_controller import service as guiding_controller
-from services.px4_bridge import service as px4_bridge
-from services.px4_bridge.vehicle_protocol import Vehicle
 from services.recorder.difference import Difference, difference
 from services.recorder.reading import Session
 from services.recorder.rerun_node import RecordedBus, RerunNode
-from services.recorder.table import Row, rows
-from services.runtime.node import Tick
+from services.recorder.rerun_subjects import SUBJECTS, Subject
+from services.recorder.table import Row
+from services.recorder.tape import Tape
 from services.runtime.virtual import VirtualLoop, run_virtual
-from services.safety_supervisor import service as safety_supervisor
-from services.tracker import service as tracker
-from services.tracker import sources
 
 _PATIENCE = 50  # turns of the event loop that a service may take to answer one of its own
 
 
 class CannotRerun(ValueError):
     """The recording lacks what a rerun needs; the text says what."""
-
-
-class Subject(NamedTuple):
-    """A service that can be run again. `turns` has one message for each turn of its loop, `also` the rest it says."""
-
-    run: Callable[[RerunNode, Config], Coroutine[Any, Any, None]]
-    turns: Topic[Message]
-    also: tuple[Topic[Message], ...] = ()
-
-
-async def _recorded_frames(node: RerunNode, config: Config) -> None:
-    """The tracker on frames as they were recorded, whichever capture system they came from."""
-    await tracker.track(node, config, sources.recorded(config.tracker, node))
-
-
-async def _setpoints(node: RerunNode, config: Config) -> None:
-    """The bridge's set-point loop on the vehicle states that it said."""
-    await _RecordedBridge(node, config).stream_setpoints()
-
-
-class _Nowhere:
-    """Where the set-points of a rerun go; the set-point loop asks nothing else of a vehicle."""
-
-    def send_setpoint(self, *_: object) -> None:
-        """Sent to nobody."""
-
-
-class _RecordedBridge(px4_bridge.Bridge):
-    def __init__(self, node: RerunNode, config: Config) -> None:
-        super().__init__(node, config, cast(Vehicle, _Nowhere()))
-        self._robots = node.latest(VEHICLE_STATE)
-
-    def report_vehicle(self, tick: Tick) -> VehicleState:
-        robot = self._robots.message
-        assert robot, "every set-point names a vehicle state"
-        return robot
-
-
-SUBJECTS = {
-    "tracker": Subject(_recorded_frames, HANDLE_STATE, (ROBOT_POSE,)),
-    "force_estimator": Subject(force_estimator.run, CABLE_FORCE),
-    "guiding_controller": Subject(guiding_controller.run, GUIDANCE),
-    "safety_supervisor": Subject(safety_supervisor.run, SAFETY_STATE, (REPLY,)),
-    "px4_bridge": Subject(_setpoints, SETPOINT, (ENERGY,)),
-}
 
 
 @dataclass
@@ -170,7 +105,7 @@ def _lives(turns: Sequence[Row]) -> Iterator[range]:
     yield range(begin, len(turns))
 
 
-def _compare_others(subject: Subject, tape: "Tape", outcome: Outcome) -> None:
+def _compare_others(subject: Subject, tape: Tape, outcome: Outcome) -> None:
     """What a service says now and then is compared in order."""
     for topic in subject.also:
         recorded, said = tape.payloads(topic.key), outcome.said[topic.key]
@@ -179,48 +114,6 @@ def _compare_others(subject: Subject, tape: "Tape", outcome: Outcome) -> None:
             one = recorded[i] if i < len(recorded) else None
             other = said[i] if i < len(said) else None
             outcome.compare(topic, one, other, tape.t_s(times[min(i, len(times) - 1)]) if times else 0.0)
-
-
-class Tape:
-    """What was recorded of what a service says and hears: bytes, and the rows that they mean, parsed once."""
-
-    def __init__(self, session: Session, service: str) -> None:
-        own = [topic.key for topic in TOPICS if service == topic.publisher or service in topic.subscribers]
-        self._logs = session.logs_of(own)
-        self._rows: dict[str, list[Row]] = {}
-        self._places: dict[str, dict[int, list[int]]] = {}
-        self._start_ns = session.start_ns
-
-    def t_s(self, time_ns: int) -> float:
-        """Since the session's start, of a time in the file."""
-        return (time_ns - self._start_ns) * 1e-9
-
-    def said_ns(self, key: str, i: int) -> int:
-        """When message `i` was said, in the file's time: that of every host."""
-        row = self.rows(key)[i]
-        return self._logs[key].times_ns[i] + row["said_ns"] - row["stamp_ns"]
-
-    def payloads(self, key: str) -> Sequence[bytes]:
-        """As they were said."""
-        return self._logs[key].payloads if key in self._logs else []
-
-    def rows(self, key: str) -> list[Row]:
-        """The parsed messages."""
-        if key not in self._rows:
-            self._rows[key] = rows(self.payloads(key))
-        return self._rows[key]
-
-    def place(self, key: str, seq: int, by_ns: int) -> int | None:
-        """Where the message with that seq stands that a turn at `by_ns` can have taken in; None where nowhere."""
-        if key not in self._places:
-            self._places[key] = {}
-            for i, row in enumerate(self.rows(key)):
-                self._places[key].setdefault(row["seq"], []).append(i)
-        found = self._places[key].get(seq, [])
-        if len(found) < 2:
-            return found[0] if found else None
-        before = [i for i in found if self._logs[key].times_ns[i] <= by_ns]
-        return before[-1] if before else found[0]
 
 
 class _Life:

@@ -14,7 +14,7 @@ from services.recorder import metrics
 from services.recorder.alarms import alarms
 from services.recorder.latency import reactions
 from services.recorder.reading import Interval, Session
-from services.recorder.walk import Motion, at, config_of, guided, motion, path_of, valid, within
+from services.recorder.walk import NO_PHASE_2, Motion, at, config_of, guided, motion, path_of, valid, within
 
 STATIONS = np.linspace(0.0, 1.0, 401)
 """s at which the paper's path error is taken."""
@@ -180,6 +180,8 @@ def _alarms(session: Session) -> Iterator[str]:
 
 def _bad_ends(session: Session) -> Iterator[str]:
     """What is wrong with how the session, or its recording, ended."""
+    if not guided(session):
+        yield NO_PHASE_2
     if session.damage:
         yield f"the recording is damaged: {session.damage}"
     phases, armed = session.phases, session.table(VEHICLE_STATE)["armed"]

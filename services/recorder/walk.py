@@ -16,6 +16,7 @@ from services.recorder.reading import Interval, Session
 from services.recorder.table import Table, sample
 
 CONFIG_ATTACHMENT = "config.json"
+NO_PHASE_2 = "nobody was guided: it has no phase 2"
 _SLACK_N = 0.01
 
 

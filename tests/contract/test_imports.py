@@ -13,7 +13,7 @@ import schemas
 import services
 from schemas.topics import SERVICES
 from services.console.start import module_of
-from services.recorder.rerun import SUBJECTS as RERUN
+from services.recorder.rerun_subjects import SUBJECTS as RERUN
 
 ROOT = Path(__file__).parents[2]
 DEVICES = {

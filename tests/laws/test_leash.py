@@ -10,8 +10,8 @@ from schemas.vehicle import SetpointKind
 from services.physics import norm
 from services.px4_bridge import flight, leash
 from services.px4_bridge.leash import Hand
+from tests.laws.flown import DT, HAND, ZERO, P, after, guided, sight
 from tests.laws.strategies import vectors
-from tests.laws.test_flight_law import DT, HAND, ZERO, P, after, guided, sight
 
 NEAR, FAR = P.flight.hand_clear_m, P.flight.rest_length_m - P.flight.ease_slack_m
 STILL = Hand(HAND, ZERO)

@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from schemas.topics import ENERGY, TRUTH
+from schemas.safety import Phase
+from schemas.topics import ENERGY, SAFETY_STATE, TRUTH
 from services.console.cli import app
 from services.recorder.passivity import filter_books, physical_books, walk, worst
 from services.recorder.reading import read
 from tests.services import synthetic
 from tests.services.synthetic import GUIDED_W
-from tests.services.synthetic_world import Scenario
+from tests.services.synthetic_world import Scenario, World
 
 
 def told(*arguments: object):
@@ -51,8 +52,9 @@ def test_v_of_the_walk_ends_near_zero_and_its_observed_rate_adds_up_to_it(file):
     assert observed == pytest.approx(walked.V_J[-1] - walked.V_J[0], rel=0.01)
 
 
-def test_it_prints_tables_and_writes_the_figure(file, tmp_path):
-    result = told(file, "--out", tmp_path)
+@pytest.mark.parametrize("given", ["session.mcap", "."], ids=["file", "folder"])
+def test_it_prints_tables_and_writes_the_figure(file, given, tmp_path):
+    result = told(file.parent / given, "--out", tmp_path)
     assert result.exit_code == 0, result.output
     assert f"{GUIDED_W * Scenario().guiding_s:.3f} J" in result.output
     assert "passive at its port throughout" in result.output
@@ -75,6 +77,19 @@ def test_what_a_recording_does_not_tell_is_unknown(tmp_path):
     result = told(synthetic.write(tmp_path / "old.mcap", silent))
     assert result.exit_code == 0, result.output
     assert "no energy/balance in this recording" in result.output
+
+
+def test_a_session_in_which_nobody_was_guided_says_so_and_tells_the_rest(tmp_path):
+    led = int(World(Scenario()).start[Phase.GUIDING] * SAFETY_STATE.rate_Hz)
+    file = synthetic.write(tmp_path / "session.mcap", Scenario(dropped={SAFETY_STATE.key: set(range(led - 5, 9999))}))
+    result = told(file)
+    assert result.exit_code == 0, result.output
+    assert "nobody was guided" in result.output
+    result = CliRunner().invoke(app, ["report", str(file)])
+    assert result.exit_code == 0, result.output
+    assert result.stdout.split() == [str(tmp_path / "report.html")]
+    assert "nobody was guided: it has no phase 2" in result.stderr
+    assert "nobody was guided: it has no phase 2" in (tmp_path / "report.html").read_text()
 
 
 @pytest.mark.parametrize("content", [b"", b"garbage", b"\x89MCAP0\r\n\x00" * 3, None])

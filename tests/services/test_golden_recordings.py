@@ -7,7 +7,8 @@ from pydantic_core import from_json
 
 from services.console.rerun import config_with
 from services.recorder.reading import read
-from services.recorder.rerun import SUBJECTS, rerun
+from services.recorder.rerun import rerun
+from services.recorder.rerun_subjects import SUBJECTS
 from tests.golden_recordings import PROFILES, unpacked
 
 TOLERANCE = 1e-6

@@ -13,7 +13,8 @@ from services.console.rerun import config_with
 from services.guiding_controller import service as guiding_controller
 from services.recorder.difference import ABSENT, difference
 from services.recorder.reading import Log, read
-from services.recorder.rerun import SUBJECTS, CannotRerun, rerun
+from services.recorder.rerun import CannotRerun, rerun
+from services.recorder.rerun_subjects import SUBJECTS
 from services.rehearsal.chain import Stage
 from services.rehearsal.quick import quick_config
 from services.runtime.node import Node

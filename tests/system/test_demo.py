@@ -10,7 +10,8 @@ import pytest
 from schemas.topics import HEALTH, SETPOINT
 from services.console.rerun import config_with
 from services.recorder.reading import read
-from services.recorder.rerun import SUBJECTS, rerun
+from services.recorder.rerun import rerun
+from services.recorder.rerun_subjects import SUBJECTS
 from services.simulator.autopilot import STEP_S
 from tests.system.demo_profile import run, write_profile
 
