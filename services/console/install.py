@@ -82,7 +82,9 @@ def install(profile: str, *, dry_run: bool, root: Path = Path("/")) -> int:
             if done.returncode not in ((0, 9) if command[0] == "useradd" else (0,)):  # 9: the user is there already
                 return 1
     name = ", ".join(config.radio.of_role(config.system.host)) if config.radio else ""
-    _tell(f"now put ca.pem, {name}.pem and {name}.key into /etc/clew/certs, owned by clew (chown clew: /etc/clew/certs/*)")
+    _tell(
+        f"now put ca.pem, {name}.pem and {name}.key into /etc/clew/certs, owned by clew (chown clew: /etc/clew/certs/*)"
+    )
     _tell("then: systemctl start clew.target; journalctl -u 'clew@*' shows what each service says")
     return 0
 
