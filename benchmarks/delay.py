@@ -74,7 +74,7 @@ async def experiment(stage: Stage, _radio: Radio) -> None:
 
 def walk(delay_ms: float, *, wide: bool = True) -> Walk:
     """One flight over a radio with that delay each way."""
-    config = load("ground")
+    config = load("ground-sim")
     one_way_s = (max(delay_ms - JITTER_ms, 0.0) * 1e-3, (delay_ms + JITTER_ms) * 1e-3)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder, "session.mcap")
