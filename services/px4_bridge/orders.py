@@ -9,6 +9,8 @@ from enum import Enum
 from schemas.safety import Permit, Phase
 from schemas.vehicle import FlightMode
 
+AWAY_S = 0.7  # PX4 leaves offboard 0.73 to 0.89 s after the last set-point (COM_OF_LOSS_T = 0.5)
+SILENCE_S = 0.1  # how long after the loop that made it a set-point may leave
 FORGOTTEN_S = 3.0  # an autopilot that lands as it should disarms by itself before
 STREAM_FIRST_S = 0.5  # the autopilot refuses offboard without a running stream
 
@@ -52,13 +54,18 @@ class Flown(Enum):
     """The autopilot went its own way; it would take new set-points up again without being asked."""
 
 
-def flown(before: Flown, permit: Permit, phase: Phase, armed: bool, mode: FlightMode) -> Flown:
-    """The same one tick later. Only a new take-off, disarmed, forgets that the autopilot has left."""
+def flown(before: Flown, permit: Permit, phase: Phase, armed: bool, mode: FlightMode, silent_s: float) -> Flown:
+    """The same one tick later, `silent_s` after the last set-point. Only a new take-off, disarmed, forgets that it has left.
+
+    Who was away for so long that the autopilot leaves is not told yet that it did: of what it said meanwhile the oldest is
+    read first.
+    """
     if not armed and permit is Permit.POSITION and phase is Phase.TAKEOFF:
         return Flown.NOT_YET
     if before is Flown.NOT_YET and armed and mode is FlightMode.OFFBOARD:
         return Flown.OFFBOARD
-    return Flown.LEFT if before is Flown.OFFBOARD and mode is not FlightMode.OFFBOARD else before
+    left = mode is not FlightMode.OFFBOARD or silent_s > AWAY_S
+    return Flown.LEFT if before is Flown.OFFBOARD and left else before
 
 
 def streams(permit: Permit, phase: Phase, armed: bool, mode: FlightMode, so_far: Flown = Flown.NOT_YET) -> bool:

@@ -106,10 +106,12 @@ class Bridge:
         sent, balances = self._node.publisher(SETPOINT), self._node.publisher(ENERGY)
         balance_due, ears = Pace(ENERGY.rate_Hz), self._ears
         state: flight.State | None = None
+        sent_ns = 0
         async for tick in self._node.ticks(SETPOINT.rate_Hz):
             robot, word = self.report_vehicle(tick), ears.listen()
             forces = ears.new_forces(robot.in_air)
-            self._flown = orders.flown(self._flown, word.permit, word.phase, robot.armed, robot.mode)
+            silent_s = (self._node.turn.now_ns() - sent_ns) * 1e-9 if sent_ns else 0.0
+            self._flown = orders.flown(self._flown, word.permit, word.phase, robot.armed, robot.mode, silent_s)
             if not orders.streams(word.permit, word.phase, robot.armed, robot.mode, self._flown):
                 state, self._streaming_s = None, 0.0
                 ears.forget()
@@ -120,7 +122,11 @@ class Bridge:
             state, output = flight.step(state, ears.input(forces, robot, state), tick.dt_s, self._params)
             inputs = ears.inputs(tick) | {VEHICLE_STATE.key: robot.seq}
             yaw_rad = self._params.flight.yaw_rad
-            message = said.setpoint(output, yaw_rad, ears.force_ns, self._node.turn.now_ns(), inputs)
+            sent_ns = self._node.turn.now_ns()
+            message = said.setpoint(output, yaw_rad, ears.force_ns, sent_ns, inputs)
+            if self._node.clock.now_ns() - sent_ns > 1e9 * orders.SILENCE_S:  # it stood still in this very turn
+                state = None
+                continue
             self._vehicle.send_setpoint(output.sent.p, output.sent.v, output.sent.a, yaw_rad)
             sent.publish(message)
             if balance_due.due(tick.stamp_ns):

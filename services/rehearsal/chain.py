@@ -111,13 +111,13 @@ class Stage:
         """What SIGSTOP does."""
         self.nodes[name].going.clear()
         if name == "px4_bridge":
-            self.flight.vehicle.going.clear()
+            self.flight.vehicle.stop()
 
     def go_on(self, name: str) -> None:
         """What SIGCONT does."""
         self.nodes[name].going.set()
         if name == "px4_bridge":
-            self.flight.vehicle.going.set()
+            self.flight.vehicle.go_on()
 
     def ask(self, action: Action, number: int = 1) -> None:
         """Send one request."""

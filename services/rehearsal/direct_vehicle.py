@@ -34,6 +34,7 @@ Array = NDArray[np.float64]
 
 _MODES = {FlightMode.OFFBOARD: Mode.OFFBOARD, FlightMode.HOLD: Mode.HOLD, FlightMode.LAND: Mode.LAND}
 _ANSWER_S = 3.0
+UNREAD_S = 0.02
 Messages = list[tuple[str, telemetry.Fields]]
 Garble = Callable[[Messages], Messages]
 
@@ -62,9 +63,9 @@ class DirectVehicle(Vehicle):
         """What happens to the autopilot's messages on their way."""
         self.refuses: tuple[type[Request], ...] = ()
         """Requests that the autopilot denies."""
-        self.going = asyncio.Event()
-        """While it is not set, the process at the bridge's end stands still."""
-        self.going.set()
+        self._going = asyncio.Event()
+        self._going.set()
+        self._unread: list[tuple[Messages, Output]] = []
 
     # The autopilot's side.
 
@@ -81,7 +82,24 @@ class DirectVehicle(Vehicle):
         self._px4 = dict(state.px4)
         self._pass(lambda: self._arrive(messages, output))
 
+    def stop(self) -> None:
+        """The process at the bridge's end stands still; what arrives meanwhile waits."""
+        self._going.clear()
+
+    def go_on(self) -> None:
+        """Its loop turns before it has read what waited."""
+        self._going.set()
+        asyncio.get_running_loop().call_later(UNREAD_S, self._read)
+
+    def _read(self) -> None:
+        unread, self._unread = self._unread, []
+        for messages, output in unread:
+            self._arrive(messages, output)
+
     def _arrive(self, messages: Messages, output: Output) -> None:
+        if self._unread or not self._going.is_set():
+            self._unread.append((messages, output))
+            return
         for name, fields in messages:
             self._telemetry.take(name, fields, self._now_ns())
         for text in output.texts:
@@ -105,7 +123,7 @@ class DirectVehicle(Vehicle):
 
     async def wait_imu(self) -> None:
         await self._imu_arrived.wait()
-        await self.going.wait()
+        await self._going.wait()
 
     def drain_imu(self) -> list[ImuSample]:
         self._imu_arrived.clear()

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from schemas.safety import Permit, Phase
 from schemas.vehicle import FlightMode
-from services.px4_bridge.orders import STREAM_FIRST_S, Flown, Order, flown, kills, next_order, streams
+from services.px4_bridge.orders import AWAY_S, STREAM_FIRST_S, Flown, Order, flown, kills, next_order, streams
 from services.px4_bridge.permits import effective
 
 # permits.effective
@@ -100,17 +100,18 @@ def test_motors_are_stopped_by_a_kill_alone_whatever_the_mode() -> None:
 
 # orders.flown
 
-TICKS = st.tuples(st.sampled_from(Permit), st.sampled_from(Phase), st.booleans(), st.sampled_from(FlightMode))
+GAPS_S = st.one_of(st.just(0.008), st.floats(0.0, 2.0))
+TICKS = st.tuples(st.sampled_from(Permit), st.sampled_from(Phase), st.booleans(), st.sampled_from(FlightMode), GAPS_S)
 
 
 @given(st.lists(TICKS, max_size=30))
 def test_an_autopilot_that_has_left_offboard_gets_no_set_point_before_a_new_take_off(ticks) -> None:
-    """PX4 takes a stream up again by itself, after a failsafe and when it disarms."""
+    """PX4 takes a stream up again by itself, after a failsafe and when it disarms. It leaves when none has come for long."""
     so_far, has_left, flew = Flown.NOT_YET, False, False
-    for permit, phase, armed, mode in ticks:
-        so_far = flown(so_far, permit, phase, armed, mode)
+    for permit, phase, armed, mode, silent_s in ticks:
+        so_far = flown(so_far, permit, phase, armed, mode, silent_s)
         anew = not armed and (permit, phase) == (Permit.POSITION, Phase.TAKEOFF)
-        has_left = not anew and (has_left or (flew and mode is not FlightMode.OFFBOARD))
+        has_left = not anew and (has_left or (flew and (mode is not FlightMode.OFFBOARD or silent_s > AWAY_S)))
         flew = not anew and (flew or (armed and mode is FlightMode.OFFBOARD))
         assert (so_far is Flown.LEFT) == has_left
         assert not (has_left and streams(permit, phase, armed, mode, so_far))
@@ -118,11 +119,11 @@ def test_an_autopilot_that_has_left_offboard_gets_no_set_point_before_a_new_take
 
 def test_a_flight_from_take_off_to_landing_and_the_next_one() -> None:
     takeoff = (Permit.POSITION, Phase.TAKEOFF)
-    so_far = flown(Flown.NOT_YET, *takeoff, False, FlightMode.HOLD)
-    so_far = flown(so_far, *takeoff, False, FlightMode.OFFBOARD)
+    so_far = flown(Flown.NOT_YET, *takeoff, False, FlightMode.HOLD, 0.008)
+    so_far = flown(so_far, *takeoff, False, FlightMode.OFFBOARD, 0.008)
     assert so_far is Flown.NOT_YET
-    so_far = flown(so_far, *takeoff, True, FlightMode.OFFBOARD)
+    so_far = flown(so_far, *takeoff, True, FlightMode.OFFBOARD, 0.008)
     assert so_far is Flown.OFFBOARD
-    so_far = flown(so_far, Permit.LAND, Phase.LANDING, True, FlightMode.LAND)
+    so_far = flown(so_far, Permit.LAND, Phase.LANDING, True, FlightMode.LAND, 0.008)
     assert so_far is Flown.LEFT
-    assert flown(so_far, *takeoff, False, FlightMode.LAND) is Flown.NOT_YET
+    assert flown(so_far, *takeoff, False, FlightMode.LAND, 0.008) is Flown.NOT_YET

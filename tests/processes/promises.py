@@ -27,12 +27,9 @@ def assert_backs_off(w: Window, within_s: float) -> None:
     assert_force(w)
 
 
-def assert_silent(w: Window, back_s: float = float("inf")) -> None:
-    """No set-point leaves more than 0.1 s after the loop that makes them stood still.
-
-    One that is `back_s` later may send until it hears, within 0.1 s, that the autopilot lands, which does not follow it.
-    """
-    late_s = [t for t, _ in w.all(SETPOINT, SILENT_S) if not back_s - TURN_S < t < back_s + SILENT_S]
+def assert_silent(w: Window) -> None:
+    """No set-point leaves more than 0.1 s after the loop that makes them stood still, not even when it goes on."""
+    late_s = [t for t, _ in w.all(SETPOINT, SILENT_S)]
     assert not late_s, f"set-points at {late_s[:5]}: {w}"
 
 

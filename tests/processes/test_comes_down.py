@@ -4,17 +4,31 @@ Where the autopilot lands by itself its mode is read off the simulated vehicle's
 """
 
 import asyncio
+from collections.abc import AsyncGenerator
+from contextlib import asynccontextmanager
 
 import pytest
 
 from schemas.safety import Action, Level, Phase
 from schemas.topics import SAFETY_STATE, SETPOINT
 from tests.processes import promises
-from tests.processes.deeds import killed, leaked, restarted, spun, stopped
+from tests.processes.deeds import Do, killed, leaked, restarted, spun, stopped
 from tests.processes.system import System, fly
+from tests.processes.window import Window
 
 LOST_S, SINK_S = 0.9, 1.5
 """PX4 lands by itself so long after the last set-point; and then takes so long to be seen sinking."""
+
+
+@asynccontextmanager
+async def broken_in_the_walk(system: System, name: str, deed: Do) -> AsyncGenerator[Window]:
+    """While the person is pulled along: the deed, and what follows; `done_s` is when it was done."""
+    await system.guided()
+    async with system.broken(name) as window:
+        await deed(system, name)
+        window.done_s = window.age_s
+        yield window
+    promises.assert_pulled(window)
 
 
 @pytest.mark.parametrize(
@@ -31,10 +45,9 @@ def test_without_the_bridge_the_autopilot_lands(tmp_path, phase, deed):
         await asyncio.sleep(1.0)
         async with system.broken("px4_bridge") as window:
             await deed(system, "px4_bridge")
-            window.done_s = window.age_s
             await system.landed()
             await asyncio.sleep(1.0)
-        promises.assert_silent(window, window.done_s)
+        promises.assert_silent(window)
         assert window.sinks_s() < LOST_S + SINK_S + window.waited_s(LOST_S + SINK_S), window
         assert Level.DESCEND in window.levels(), window
         if deed is not killed:
@@ -58,10 +71,9 @@ def test_a_bridge_that_was_away_for_long_leaves_the_landing_to_the_autopilot(tmp
         await system.pulled()
         async with system.broken("px4_bridge") as window:
             await stopped(1.0)(system, "px4_bridge")
-            window.done_s = window.age_s
             await system.put_down()
         promises.assert_pulled(window)
-        promises.assert_silent(window, window.done_s)
+        promises.assert_silent(window)
         promises.assert_force(window)
         assert window.sinks_s() < LOST_S + SINK_S + window.waited_s(LOST_S + SINK_S), window
 
@@ -70,12 +82,9 @@ def test_a_bridge_that_was_away_for_long_leaves_the_landing_to_the_autopilot(tmp
 
 def test_a_bridge_that_begins_anew_does_not_take_the_vehicle_back(tmp_path):
     async def script(system: System) -> None:
-        await system.guided()
-        async with system.broken("px4_bridge") as window:
-            await restarted(system, "px4_bridge")
+        async with broken_in_the_walk(system, "px4_bridge", restarted) as window:
             await system.put_down()
             await asyncio.sleep(2.0)
-        promises.assert_pulled(window)
         promises.assert_silent(window)
         assert system.disarmed
         assert Level.DESCEND in window.levels(), window
@@ -87,13 +96,9 @@ def test_supervisor_and_bridge_dead(tmp_path):
     """Both of their own leaks, one after the other; nobody obeys a kill any more, and the command says so."""
 
     async def script(system: System) -> None:
-        await system.guided()
-        async with system.broken("safety_supervisor") as window:
-            await leaked(system, "safety_supervisor")
-            gone_s = window.age_s
+        async with broken_in_the_walk(system, "safety_supervisor", leaked) as window:
             await asyncio.sleep(1.0)
-        promises.assert_pulled(window)
-        promises.assert_backs_off(window, gone_s + 0.3)
+        promises.assert_backs_off(window, window.done_s + 0.3)
         async with system.broken("px4_bridge") as window:
             await leaked(system, "px4_bridge")
             gone_s = window.age_s
@@ -109,12 +114,9 @@ def test_supervisor_and_bridge_dead(tmp_path):
 
 def test_without_the_supervisor_a_person_can_still_stop_the_motors(tmp_path):
     async def script(system: System) -> None:
-        await system.guided()
-        async with system.broken("safety_supervisor") as window:
-            await killed(system, "safety_supervisor")
+        async with broken_in_the_walk(system, "safety_supervisor", killed) as window:
             code, told = await system.clew("kill")
             await system.landed()
-        promises.assert_pulled(window)
         promises.assert_backs_off(window, 0.3)
         assert (code, system.disarmed) == (0, True), told
 
@@ -123,12 +125,9 @@ def test_without_the_supervisor_a_person_can_still_stop_the_motors(tmp_path):
 
 def test_a_supervisor_that_begins_in_flight_holds_until_a_person_resumes_and_then_lands(tmp_path):
     async def script(system: System) -> None:
-        await system.guided()
-        async with system.broken("safety_supervisor") as window:
-            await restarted(system, "safety_supervisor")
+        async with broken_in_the_walk(system, "safety_supervisor", restarted) as window:
             await system.until(lambda: system.phase is Phase.HOLD, "held")
             await asyncio.sleep(1.0)
-            promises.assert_pulled(window)
             promises.assert_backs_off(window, 0.3)
             assert any("the supervisor began in flight" in reason for reason in window.reasons()), window
             await system.until_accepted(Action.RESUME)
@@ -143,11 +142,8 @@ def test_a_tracker_that_begins_anew_is_believed_if_it_comes_in_time(tmp_path):
     """Within 2.5 s; a slow host needs longer for a start, and then the flight is over."""
 
     async def script(system: System) -> None:
-        await system.guided()
-        async with system.broken("tracker") as window:
-            await restarted(system, "tracker")
+        async with broken_in_the_walk(system, "tracker", restarted) as window:
             await system.until(lambda: system.pulls or system.phase is Phase.LANDED, "pulled again, or landed")
-        promises.assert_pulled(window)
         promises.assert_backs_off(window, 0.3)
         resumed = [t for t, m in window.all(SETPOINT, window.backs_off_s()) if m.kind.value == "admittance"]
         descended = [t for t, m in window.all(SAFETY_STATE) if m.level is Level.DESCEND]

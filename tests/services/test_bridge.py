@@ -22,9 +22,11 @@ from schemas.vehicle import FlightMode, SetpointKind
 from services import cable
 from services.config import load
 from services.physics import norm
+from services.px4_bridge import flight
 from services.px4_bridge import service as px4_bridge
 from services.rehearsal.chain import Stage
 from services.rehearsal.direct_vehicle import DirectVehicle
+from services.runtime.virtual import VirtualClock
 from services.simulator import service as simulator
 from tests.services.alone import (
     Alone,
@@ -200,6 +202,25 @@ def forsaken() -> Flown:
         return take_off(t_s) if t_s < WAITING_FROM_S else verdict(Phase.READY, Permit.WAIT, OVER_START)
 
     return Flown(safety, END_S, lambda t_s: force(HANGING) if t_s < DEAD_FROM_S else None)
+
+
+def test_what_was_computed_before_a_standstill_is_not_sent_after_it(monkeypatch):
+    """A process may be stopped between any two of its instructions."""
+    stood_s, turns = 0.3, []
+    now_ns, step = VirtualClock.now_ns, flight.step
+
+    def stops_once(*arguments):
+        turns.append(VirtualClock().now_ns())
+        return step(*arguments)
+
+    monkeypatch.setattr(
+        VirtualClock, "now_ns", lambda clock: now_ns(clock) + round(1e9 * stood_s) * (len(turns) >= 100)
+    )
+    monkeypatch.setattr(flight, "step", stops_once)
+    sent_ns = [m.stamp_ns for m in Flown(take_off, 1.6).said[SETPOINT.key]]
+    assert turns[98] in sent_ns
+    assert turns[99] not in sent_ns
+    assert sum(ns > turns[99] for ns in sent_ns) > 20
 
 
 def test_without_forces_the_filter_stands_still(forsaken):
