@@ -74,7 +74,7 @@ async def experiment(stage: Stage, _radio: Radio) -> None:
 
 def walk(delay_ms: float, *, wide: bool = True) -> Walk:
     """One flight over a radio with that delay each way."""
-    config = load("ground")
+    config = load("ground-sim")
     one_way_s = (max(delay_ms - JITTER_ms, 0.0) * 1e-3, (delay_ms + JITTER_ms) * 1e-3)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder, "session.mcap")
@@ -108,11 +108,11 @@ def draw(walks: list[Walk], refused_ms: float | None, file: Path) -> None:
     below.plot(x, [10 * (each.slack_fraction or 0.0) for each in walks], "o-", label="cable slack / 10 %")
     below.set_xlabel("one-way delay / ms")
     below.set_ylim(bottom=0.0)
-    for axes in (above, below):
+    for axes, free in ((above, "lower left"), (below, "center left")):
         if refused_ms is not None:
             axes.axvspan(refused_ms, x[-1], alpha=0.12, color="0.3", label="refused by the profile")
         axes.grid(alpha=0.3)
-        axes.legend(loc="upper left", fontsize=8)
+        axes.legend(loc=free, fontsize=8)
     figure.savefig(file, dpi=110)  # pyright: ignore[reportUnknownMemberType]
 
 

@@ -55,10 +55,12 @@ def main() -> int:
     """Fly and tell; 0 when no flight raised anything above a warning."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--flights", type=int, default=10)
+    parser.add_argument("--first-seed", type=int, default=1)
     parser.add_argument("--profile", default="demo")
     told = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        flights = [flown(Path(folder), seed, told.profile) for seed in range(1, told.flights + 1)]
+        seeds = range(told.first_seed, told.first_seed + told.flights)
+        flights = [flown(Path(folder), seed, told.profile) for seed in seeds]
     show([row for _, row in flights], COLUMNS)
     loud = sum(level > Level.WARN for level, _ in flights)
     print(f"{len(flights) - loud} of {len(flights)} flights raised nothing above warn")

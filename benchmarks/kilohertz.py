@@ -45,6 +45,7 @@ COLUMNS = (
 WARM_UP_S, SECONDS = 2.0, 8.0
 TOGETHER = ("px4_bridge", "force_estimator", "safety_supervisor", "simulator")
 _HERE = np.array([-2.0, -0.5, 2.0])
+_NOISE_MPS2 = 0.01  # what never changes counts as stuck
 _STILL, _LEVEL = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
 
 
@@ -62,9 +63,9 @@ class Hovering:
         return VehicleSample(now_ns, True, True, True, FlightMode.OFFBOARD, True, _HERE, _STILL, _LEVEL, 1.0, 0.0)
 
     async def sense(self) -> None:
-        felt = np.array([0.0, 0.0, GRAVITY_MPS2])
-        async for _ in self._node.ticks(self._rate_Hz):
+        async for tick in self._node.ticks(self._rate_Hz):
             self.samples += 1
+            felt = np.array([0.0, 0.0, GRAVITY_MPS2 + _NOISE_MPS2 * np.sin(tick.n)])
             now_ns = self._node.clock.now_ns()
             source = ThrustSource.ACTUATOR_OUTPUTS
             self._waiting.append(ImuSample(now_ns, felt, _STILL, _LEVEL, self._hover_N, source, Throttle(0.5, 0.25)))

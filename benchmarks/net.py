@@ -19,23 +19,18 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from schemas.topics import CABLE_FORCE, GUIDANCE, HANDLE_STATE, TOPICS
-from services.config import load
-from services.recorder.reading import read
-from tests.net.conftest import linked
-from tests.net.two_hosts import TwoHosts, can, lines, make_certificates, read_until, stop, write_profile
+from benchmarks.net_flight import CARRIED, DELAYS_ms, by_link, by_topic, flight
+from benchmarks.two_hosts import BAD, Row, gateways, up
+from schemas.topics import CABLE_FORCE, GUIDANCE, HANDLE_STATE
+from tests.net.two_hosts import DRONE_IP, TwoHosts, can, lines, read_until
 
-BAD: dict[str, float] = {"delay_ms": 20.0, "jitter_ms": 5.0, "loss": 0.05, "rate_Mbit_s": 5.0}
-QUIET: dict[str, float] = {"delay_ms": 2.0, "jitter_ms": 0.5, "loss": 0.0, "rate_Mbit_s": 0.0}
 OUTAGE_s = 2.0
-DELAYS_ms = [0.0, 20.0, 200.0]
 RESTARTED = {
     "ground_gateway": GUIDANCE.key,
     "guiding_controller": GUIDANCE.key,
     "tracker": HANDLE_STATE.key,
     "simulator": HANDLE_STATE.key,
 }
-Row = tuple[str, ...]
 
 
 def main() -> int:
@@ -53,7 +48,9 @@ def main() -> int:
         try:
             show(*(flight(folder, delays) if name == "flight" else BENCHES[name](folder)))
             if name == "flight":
-                show(*bandwidth(folder / f"{(delays or DELAYS_ms)[0]:g}"))
+                first = folder / f"{(delays or DELAYS_ms)[0]:g}"
+                show(*by_link(json.loads((first / CARRIED).read_text())))
+                show(*by_topic(first))
         finally:
             shutil.rmtree(folder)
     return 0
@@ -65,22 +62,6 @@ def show(title: str, columns: Row, rows: list[Row]) -> None:
     for row in rows:
         table.add_row(*row)
     Console(width=140).print(table)
-
-
-def up(folder: Path, radio: str = "", extra: str = "") -> TwoHosts:
-    """Two hosts with certificates and profiles; enter it."""
-    make_certificates(folder / "certs")
-    for host in ("drone", "ground"):
-        write_profile(folder / f"{host}.toml", host, radio, extra)
-    return TwoHosts(folder)
-
-
-def gateways(hosts: TwoHosts) -> None:
-    """Both, linked over a good radio."""
-    hosts.shape(**QUIET)
-    hosts.gateway("drone")
-    hosts.gateway("ground")
-    linked(hosts)
 
 
 def latency(folder: Path) -> tuple[str, Row, list[Row]]:
@@ -95,32 +76,55 @@ def latency(folder: Path) -> tuple[str, Row, list[Row]]:
             ("20±5 ms, 5 % loss, bulk", BAD, True),
         ):
             hosts.shape(**how)
+            bare = hosts.python("drone", "benchmarks.bare_datagrams", "hear", "24")
+            read_until(bare, "listening")
+            mouth = hosts.python("ground", "benchmarks.bare_datagrams", "say", DRONE_IP, "20")
             taken, refused = conversation(hosts, 20.0, bulk=bulk)
-            rows.append((name, *_ages(taken, refused.get(GUIDANCE.key, 0), how["delay_ms"])))
-    columns = ("5 Mbit/s", "p50 ms", "of delay", "p99 ms", "of delay", "max ms", "lost %", "overtaken or too old %")
+            reference = sorted(lines(bare.communicate(timeout=30.0)[0])[-1]["ages_s"])
+            mouth.communicate(timeout=30.0)
+            del hosts.processes[2:]
+            rows.append(
+                (name, *(f"{1e3 * reference[int(q * len(reference))]:.1f}" for q in (0.5, 0.99)))
+                + _ages(taken, refused.get(GUIDANCE.key, 0), how["delay_ms"])
+            )
+    columns = (
+        "5 Mbit/s",
+        "bare UDP p50 ms",
+        "p99",
+        "p50 ms",
+        "of delay",
+        "p99 ms",
+        "of delay",
+        "max ms",
+        "lost %",
+        "overtaken or too old %",
+    )
     return "guidance at 100 Hz, ground to drone, age on arrival", columns, rows
 
 
 def conversation(hosts: TwoHosts, seconds: float, *, bulk: bool) -> tuple[list[dict[str, Any]], dict[str, int]]:
     """What the bridge hears of the guiding controller."""
     profiles = {host: str(hosts.folder / f"{host}.toml") for host in ("drone", "ground")}
-    ear = hosts.end("drone", "ear", profiles["drone"], "px4_bridge", str(seconds + 3.0), GUIDANCE.key)
+    before = len(hosts.processes)
+    ear = hosts.end("drone", "ear", profiles["drone"], "px4_bridge", str(seconds + 3.0), f"+{GUIDANCE.key}")
     read_until(ear, "listening")
     if bulk:
         crowd = hosts.end("drone", "ear", profiles["drone"], "safety_supervisor", str(seconds + 3.0), "sim/truth")
         read_until(crowd, "listening")
         hosts.end("ground", "voice", profiles["ground"], "simulator", "sim/truth", "500", str(seconds), "800")
     hosts.end("ground", "voice", profiles["ground"], "guiding_controller", GUIDANCE.key, "100", str(seconds))
+    started = hosts.processes[before + 1 :]
     *taken, last = lines(ear.communicate(timeout=60.0)[0])
     hosts.processes.remove(ear)
-    for process in hosts.processes[2:]:
+    for process in started:
         process.communicate(timeout=30.0)
-    del hosts.processes[2:]
+        hosts.processes.remove(process)
     return taken, last["rejected"]
 
 
 def _ages(taken: list[dict[str, Any]], refused: int, delay_ms: float) -> Row:
-    ages = sorted(entry["age_s"] * 1e3 for entry in taken)
+    """Both hosts have this machine's clock, so the age is the true one, free of what the comparison of clocks is off."""
+    ages = sorted(entry["t_s"] * 1e3 - entry["said"]["stamp_ns"] * 1e-6 for entry in taken)
     seqs = [entry["seq"] for entry in taken]
     p50, p99 = ages[len(ages) // 2], ages[int(0.99 * len(ages))]
     said = seqs[-1] - seqs[0] + 1
@@ -209,71 +213,6 @@ def restart(hosts: TwoHosts, profiles: dict[str, str], name: str, key: str) -> f
     *taken, _ = lines(ear.communicate(timeout=60.0)[0])
     hosts.processes.remove(ear)
     return max(b["t_s"] - a["t_s"] for a, b in pairwise(taken))
-
-
-def flight(folder: Path, delays_ms: list[float]) -> tuple[str, Row, list[Row]]:
-    """The experiment of `make demo`, split over two hosts; one flight for each delay, and without a delay first."""
-    rows: list[Row] = []
-    for delay_ms in delays_ms or DELAYS_ms:
-        summary, rates = fly(folder / f"{delay_ms:g}", delay_ms)
-        rows.append((f"{delay_ms:g}", *told(summary), f"{rates['up']:.2f}", f"{rates['down']:.2f}"))
-    columns = ("delay ms", "ok", "mean error cm", "max cm", "hand force max N", "guiding s", "up Mbit/s", "down Mbit/s")
-    return "the experiment over the radio (up: drone to ground)", columns, rows
-
-
-def fly(folder: Path, delay_ms: float) -> tuple[dict[str, Any], dict[str, float]]:
-    """One flight; its summary, and what crossed the radio from take-off to landing."""
-    folder.mkdir(parents=True)
-    # So slow a radio is refused as it is: connecting takes eight round trips, and clocks are known to half of one.
-    radio = f"connect_s = {max(0.4, 0.03 * delay_ms)}\n"
-    extra = f"[safety_supervisor.limits]\nclock_uncertainty_max_s = {max(0.05, 0.002 * delay_ms)}\n"
-    with up(folder, radio, extra) as hosts:
-        hosts.shape(**QUIET | {"delay_ms": delay_ms})
-        hosts.clew("drone", "up", str(folder / "drone.toml"), "--out", str(folder / "onboard"))
-        began, before = time.monotonic(), hosts.shape()
-        profile, out = str(folder / "ground.toml"), str(folder / "sessions")
-        demo = hosts.clew("ground", "demo", "--profile", profile, "--no-live", "--out", out)
-        demo.communicate(timeout=200.0)
-        took, after = time.monotonic() - began, hosts.shape()
-        hosts.processes.remove(demo)
-        for process in hosts.processes:
-            stop(process)
-        rates = {way: (after[f"{way}_bytes"] - before[f"{way}_bytes"]) * 8e-6 / took for way in ("up", "down")}
-        return json.loads((folder / "sessions" / "latest" / "summary.json").read_text()), rates
-
-
-def bandwidth(folder: Path) -> tuple[str, Row, list[Row]]:
-    """By topic, from the ground's recording: payloads as they are said, before compression and what TLS and TCP add."""
-    session, config = read(folder / "sessions" / "latest" / "session.mcap"), load(str(folder / "ground.toml"))
-    onboard = set(config.hosts["drone"].services)
-    rows: list[tuple[float, Row]] = []
-    for topic in TOPICS:
-        up, down = topic.publisher in onboard, topic.publisher not in onboard and bool(onboard & set(topic.subscribers))
-        log = session.logs.get(topic.key)
-        if log and (up or down):
-            rate_Hz = len(log.payloads) / session.duration_s
-            size = sum(map(len, log.payloads)) / len(log.payloads)
-            kbit_s = 8e-3 * rate_Hz * size
-            way = "up" if up else "down"
-            rows.append((kbit_s, (topic.key, way, f"{rate_Hz:.1f}", f"{size:.0f}", f"{kbit_s:.0f}")))
-    columns = ("topic", "way", "Hz on the radio", "bytes", "kbit/s")
-    return "what crosses the radio", columns, [row for _, row in sorted(rows, reverse=True)]
-
-
-def told(summary: dict[str, Any]) -> Row:
-    """The paper's numbers of a flight."""
-
-    def cm(value: float | None) -> str:
-        return "–" if value is None else f"{value * 100:.1f}"
-
-    force = summary["hand_force"]["max_n"]
-    return (
-        "yes" if summary["ok"] else "; ".join(summary["reasons"])[:60],
-        cm(summary["path_error"]["mean_m"]),
-        cm(summary["path_error"]["max_m"]),
-        "–" if force is None else f"{force:.1f}",
-        f"{summary['durations_s'].get('guiding', 0.0):.0f}",
-    )
 
 
 BENCHES = {"latency": latency, "outage": outage, "restarts": restarts}

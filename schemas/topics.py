@@ -26,7 +26,9 @@ class Stance(Enum):
     """How a topic is carried. Nothing ever blocks its publisher: a blocked put on a dead link stalls local delivery."""
 
     STREAM = "first: samples and set-points; a radio may lose one, the next follows soon"
-    TWICE = "as STREAM, but ahead of it, and twice where there is a radio: lost only if both are"
+    TWICE = (
+        "as STREAM, but ahead of it, and where there is a radio again beside the next: lost only if two in a row are"
+    )
     STATE = "next, and never lost by a radio that works: verdicts and states"
     COMMAND = "as STATE; its sender repeats it until it is acknowledged"
     BULK = "after everything else: truth, health"
@@ -48,6 +50,8 @@ class Topic(Generic[M_co]):
     """A command older than this when it arrives is refused and counted, not only stale."""
     radio_Hz: float = 0.0
     """As often at most it crosses the radio between two hosts; 0 as often as it is said."""
+    packed: bool = False
+    """In a system on two hosts: deflated, because it crosses the radio whole and often (runtime/packing.py)."""
 
     @property
     def timeout_s(self) -> float:
@@ -75,16 +79,16 @@ _S, _W, _T, _C, _B = Stance.STREAM, Stance.TWICE, Stance.STATE, Stance.COMMAND, 
 #                       key                  type             publisher             subscribers                    rate stance logged
 MOCAP_FRAME     = Topic("mocap/frame",       MocapFrame,      "simulator",          ("tracker",),                   60.0, _S, True, "rigid bodies as the simulated capture system sees them")
 MOCAP_SEEN      = Topic("mocap/seen",        MocapFrame,      "tracker",            (),                              0.0, _S, True, "as mocap/frame, of a real capture system: its frames as the tracker took them")
-HANDLE_STATE    = Topic("handle/state",      HandleState,     "tracker",            ("guiding_controller", "force_estimator", "safety_supervisor", "px4_bridge"), 60.0, _S, True, "p_H, v_H")
-ROBOT_POSE      = Topic("robot/pose",        RobotPose,       "tracker",            ("px4_bridge", "force_estimator", "safety_supervisor"), 60.0, _S, True, "pose for the autopilot's estimator")
-VEHICLE_IMU     = Topic("vehicle/imu",       VehicleImu,      "px4_bridge",         ("force_estimator",),          250.0, _S, True, "inertial sample, attitude, thrust", radio_Hz=25.0)
-VEHICLE_STATE   = Topic("vehicle/state",     VehicleState,    "px4_bridge",         ("guiding_controller", "safety_supervisor", "tracker"), 50.0, _S, True, "motion, mode, battery")
+HANDLE_STATE    = Topic("handle/state",      HandleState,     "tracker",            ("guiding_controller", "force_estimator", "safety_supervisor", "px4_bridge"), 60.0, _S, True, "p_H, v_H", packed=True)
+ROBOT_POSE      = Topic("robot/pose",        RobotPose,       "tracker",            ("px4_bridge", "force_estimator", "safety_supervisor"), 60.0, _S, True, "pose for the autopilot's estimator", packed=True)
+VEHICLE_IMU     = Topic("vehicle/imu",       VehicleImu,      "px4_bridge",         ("force_estimator",),          250.0, _S, True, "inertial sample, attitude, thrust", radio_Hz=10.0)
+VEHICLE_STATE   = Topic("vehicle/state",     VehicleState,    "px4_bridge",         ("guiding_controller", "safety_supervisor", "tracker"), 50.0, _S, True, "motion, mode, battery", radio_Hz=30.0)
 PARAMETERS      = Topic("vehicle/parameters", VehicleParameters, "px4_bridge",       (),                              0.0, _B, True, "the autopilot's own parameters, once, for the recording")
 CABLE_FORCE     = Topic("force/cable",       CableForce,      "force_estimator",    ("px4_bridge", "safety_supervisor", "tracker"), 250.0, _S, True, "f̂_c, bias, taut or slack", radio_Hz=25.0)
-GUIDANCE        = Topic("guidance/command",  GuidanceCommand, "guiding_controller", ("px4_bridge", "safety_supervisor"), 100.0, _W, True, "p_R^d(s*), f^d(s*), s*", lifetime_s=0.1)
-SAFETY_STATE    = Topic("safety/state",      SafetyState,     "safety_supervisor",  ("px4_bridge", "guiding_controller", "force_estimator", "simulator"), 50.0, _T, True, "phase, level, permit, reasons")
+GUIDANCE        = Topic("guidance/command",  GuidanceCommand, "guiding_controller", ("px4_bridge", "safety_supervisor"), 100.0, _W, True, "p_R^d(s*), f^d(s*), s*", lifetime_s=0.1, packed=True)
+SAFETY_STATE    = Topic("safety/state",      SafetyState,     "safety_supervisor",  ("px4_bridge", "guiding_controller", "force_estimator", "simulator"), 50.0, _T, True, "phase, level, permit, reasons", radio_Hz=30.0)
 SETPOINT        = Topic("setpoint/sent",     Setpoint,        "px4_bridge",         ("safety_supervisor",),        125.0, _S, True, "what the autopilot was told", radio_Hz=25.0)
-ENERGY          = Topic("energy/balance",    EnergyBalance,   "px4_bridge",         ("safety_supervisor",),         50.0, _T, True, "energy through the filter's ports, and the tank")
+ENERGY          = Topic("energy/balance",    EnergyBalance,   "px4_bridge",         ("safety_supervisor",),         50.0, _T, True, "energy through the filter's ports, and the tank", radio_Hz=10.0)
 REQUEST         = Topic("@cmd/request",      OperatorRequest, OPERATOR,             ("safety_supervisor", "px4_bridge"), 0.0, _C, True, "a person's command", lifetime_s=1.0)
 REPLY           = Topic("safety/reply",      OperatorReply,   "safety_supervisor",  (OPERATOR,),                     0.0, _T, True, "the answer to it")
 NOTE            = Topic("operator/note",     OperatorNote,    OPERATOR,             (),                              0.0, _T, True, "a person's remark, for the recording")

@@ -18,7 +18,9 @@ def init() -> int:
 def issue(name: str, role: str, addresses: Sequence[str], days: float) -> int:
     """Make a certificate. Returns the exit code, 2 for bad input."""
     where = certs.folder()
-    told = f"copy {where}/ca.pem, {name}.pem and {name}.key to {name}, and add it to radio.names of the profile"
+    told = (
+        f"copy {where}/ca.pem, {name}.pem and {name}.key to {name}; radio.names of the profile must have {role}:{name}"
+    )
     return _tell(lambda: certs.issue(where, name, role, addresses, days), told)
 
 

@@ -34,7 +34,7 @@ def plan(profile: str, config: Config) -> Plan:
     files = {
         SYSTEMD / "clew@.service": (0o644, (source / "systemd/clew@.service").read_text()),
         SYSTEMD / "clew.target": (0o644, (source / "systemd/clew.target").read_text()),
-        ETC / "host.env": (0o644, f"CLEW_PROFILE={profile}\n"),
+        ETC / "host.env": (0o644, f"CLEW_PROFILE={Path(profile).resolve() if Path(profile).is_file() else profile}\n"),
     }
     for name in names:
         for drop_in in _drop_ins(name):
@@ -81,7 +81,11 @@ def install(profile: str, *, dry_run: bool, root: Path = Path("/")) -> int:
             done = subprocess.run(command, check=False)
             if done.returncode not in ((0, 9) if command[0] == "useradd" else (0,)):  # 9: the user is there already
                 return 1
-    _tell("certificates go to /etc/clew/certs (ca.pem and this host's own pair); systemctl start clew.target")
+    name = ", ".join(config.radio.of_role(config.system.host)) if config.radio else ""
+    _tell(
+        f"now put ca.pem, {name}.pem and {name}.key into /etc/clew/certs, owned by clew (chown clew: /etc/clew/certs/*)"
+    )
+    _tell("then: systemctl start clew.target; journalctl -u 'clew@*' shows what each service says")
     return 0
 
 

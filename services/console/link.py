@@ -144,6 +144,8 @@ def link(profile: str, *, as_json: bool, seconds: float) -> int:
             watch.view(1.0)
             await asyncio.sleep(seconds)
             view = watch.view(seconds)
+            if view.connects is None:
+                print("no word of the drone's gateway: is clew up on both hosts?", file=sys.stderr)  # noqa: T201
             if as_json:
                 print(json.dumps(asdict(view)))  # noqa: T201
             elif not console.is_terminal:

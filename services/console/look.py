@@ -25,11 +25,12 @@ LISTEN_S = 1.2
 
 def topics() -> None:
     """Print the table of schemas/topics.py."""
-    table = Table("topic", "type", "rate Hz", "from", "to", "stance", "recorded", "about")
+    table = Table("topic", "type", "rate Hz", "radio", "from", "to", "stance", "recorded", "about")
     for t in TOPICS:
         rate = f"{t.rate_Hz:g}" if t.rate_Hz else "-"
+        radio = f"{t.radio_Hz:g} Hz" if t.radio_Hz else "packed" if t.packed else ""
         to, logged = ", ".join(t.subscribers), "yes" if t.logged else "no"
-        table.add_row(t.key, t.type.__name__, rate, t.publisher, to, t.stance.name, logged, t.about)
+        table.add_row(t.key, t.type.__name__, rate, radio, t.publisher, to, t.stance.name, logged, t.about)
     console().print(table)
 
 

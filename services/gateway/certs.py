@@ -93,10 +93,10 @@ def credentials(of: Path, name: str, role: str, address: str = "") -> Credential
     """
     found = Credentials(of / "ca.pem", of / f"{name}.pem", of / f"{name}.key")
     if not found.ca.is_file():
-        raise CertsError(f"{found.ca}: is missing; clew certs init makes it, on one machine for all")
+        raise CertsError(f"{found.ca}: is missing: copy it from the one machine where clew certs init made it")
     for file in (found.certificate, found.key):
         if not file.is_file():
-            raise CertsError(f"{file}: is missing; clew certs issue {name} --role {role} makes it")
+            raise CertsError(f"{file}: is missing: clew certs issue {name} --role {role} makes it, where ca.key is")
     mode = found.key.stat().st_mode & 0o777
     if mode & 0o077:
         raise CertsError(f"{found.key}: mode {mode:o}: must be 600, others can read it")
@@ -135,7 +135,7 @@ def _faults(found: Credentials, expected: str, address: str) -> Iterator[str]:
     except Exception:
         yield f"was not issued by the authority of {found.ca}"
     try:
-        key = serialization.load_pem_private_key(found.key.read_bytes(), None)
+        key = serialization.load_pem_private_key(_bytes(found.key), None)
     except (TypeError, ValueError):
         raise CertsError(f"{found.key}: is no key, or one with a password") from None
     if key.public_key() != certificate.public_key():
@@ -167,9 +167,16 @@ def _addresses(found: x509.Certificate) -> list[str]:
 
 def _load(file: Path) -> x509.Certificate:
     try:
-        return x509.load_pem_x509_certificate(file.read_bytes())
+        return x509.load_pem_x509_certificate(_bytes(file))
     except ValueError:
         raise CertsError(f"{file}: is no certificate") from None
+
+
+def _bytes(file: Path) -> bytes:
+    try:
+        return file.read_bytes()
+    except PermissionError:
+        raise CertsError(f"{file}: belongs to {file.owner()}: this user cannot read it") from None
 
 
 def _authority(of: Path) -> tuple[x509.Certificate, ec.EllipticCurvePrivateKey]:

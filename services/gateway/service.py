@@ -94,8 +94,10 @@ class Remotes:
 class Comparison:
     """Asks the ground for its time and publishes what is known of it."""
 
-    def __init__(self, node: Node, bus: RadioBus, radio: Radio) -> None:
-        self._node, self._bus, self._radio = node, bus, radio
+    def __init__(
+        self, node: Node, bus: RadioBus, radio: Radio, time_of_day_ns: Callable[[], int] = time.time_ns
+    ) -> None:
+        self._node, self._bus, self._radio, self._time_of_day_ns = node, bus, radio, time_of_day_ns
         self._out = node.publisher(RADIO_CLOCK)
         self._answers: tuple[offset.Answer, ...] = ()
         self._apart_s, self._round_trip_s = 0.0, 0.0
@@ -122,7 +124,7 @@ class Comparison:
         self._up, self._heard_ns = True, t_3_ns
         self._round_trip_s = (t_3_ns - t_0_ns) * 1e-9
         lag_ns = self._node.clock.now_ns() - (t_0_ns + t_3_ns) // 2
-        self._apart_s = (of_day_ns + lag_ns - time.time_ns()) * 1e-9
+        self._apart_s = (of_day_ns + lag_ns - self._time_of_day_ns()) * 1e-9
 
     def _publish(self, connects: int) -> None:
         now_ns = self._node.clock.now_ns()

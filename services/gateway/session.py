@@ -1,8 +1,9 @@
 """How the session that owns the radio is set up: a router on mutual TLS, four links split by priority, thinned telemetry.
 
 A link that sends again what was lost holds up all that follows. So what is soon followed by a newer one (commands of
-guidance, samples) goes in QUIC datagrams, which are not sent again; guidance goes twice, over two links, so that losing
-one takes two losses. Each QUIC link has a congestion window of its own, which loss keeps at its least: two datagrams.
+guidance, samples) goes in QUIC datagrams, which are not sent again; a command of guidance goes along with the next one too,
+over another link, so that losing it takes two losses. Each QUIC link has a congestion window of its own, which loss keeps
+at its least: two datagrams.
 States and commands of a person are reliable, over the third. Bulk has a TCP stream, whose small receive buffer keeps it
 from filling the radio's queue in front of everybody.
 """
@@ -14,11 +15,15 @@ from services.gateway.access import LINKS, Services, access_control
 from services.gateway.certs import Credentials
 from services.gateway.radio import Radio
 from services.runtime.bus import MAX_PAYLOAD_bytes
+from services.runtime.zenoh_bus import LEASE_ms
 
 _DATAGRAMS = "quic/{address}:{port}?mixed_rel=1;prio={priorities}#initial_mtu=1400"
 _STREAM = "tls/{address}:{port}?prio={priorities}#so_sndbuf=4096;so_rcvbuf=8192"
 _LINKS = ((_DATAGRAMS, "1-1"), (_DATAGRAMS, "2-2"), (_DATAGRAMS, "3-5"), (_STREAM, "6-7"))
 """Priorities as the bus gives them to the stances (runtime/zenoh_bus.py)."""
+_LEASE_of_connect = 3 / 8
+"""A link is dead after three round trips of silence, where connecting takes eight: the first sign of life comes after one
+and a quarter of the lease, and a lease that is shorter than that ends a link as soon as it is made."""
 BATCH_bytes = 2_048
 """What is handed to a link at a time: more stands in front of a sample for longer."""
 MESSAGE_MAX_bytes = 262_144
@@ -35,7 +40,7 @@ def endpoints(radio: Radio, address: str) -> tuple[str, ...]:
 
 def gateway(host: str, radio: Radio, services: Services, files: Credentials, prefix: str) -> dict[str, Any]:
     """Zenoh's settings of the gateway of `host`, beyond a peer's."""
-    return _tls(files) | {
+    return _tls(radio, files) | {
         "mode": "router",
         "transport/unicast/open_timeout": round(radio.connect_s * 1e3),
         "listen/timeout_ms": -1,
@@ -48,15 +53,16 @@ def gateway(host: str, radio: Radio, services: Services, files: Credentials, pre
     }
 
 
-def console(files: Credentials) -> dict[str, Any]:
+def console(radio: Radio, files: Credentials) -> dict[str, Any]:
     """Of a person's machine that is neither host: a client of the ground's gateway."""
-    return _tls(files) | {"mode": "client"}
+    return _tls(radio, files) | {"mode": "client"}
 
 
-def _tls(files: Credentials) -> dict[str, Any]:
+def _tls(radio: Radio, files: Credentials) -> dict[str, Any]:
     return {
         "transport/link/protocols": [*LINKS, "unixsock-stream"],
         "transport/link/tx/batch_size": BATCH_bytes,
+        "transport/link/tx/lease": max(LEASE_ms, round(_LEASE_of_connect * radio.connect_s * 1e3)),
         "transport/unicast/max_links": len(_LINKS),
         "transport/unicast/compression/enabled": True,
         "transport/link/rx/max_message_size": MESSAGE_MAX_bytes,

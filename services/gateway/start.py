@@ -42,7 +42,7 @@ def console_bus(config: Config, bus: BusConfig) -> BusConfig:
         raise ConfigError(f"radio.console = {radio.console!r}: must be an operator or a viewer of radio.names")
     _resolve(radio.address)
     files = _files(radio, radio.console, role)
-    return replace(bus, settings=session.console(files), endpoints=session.endpoints(radio, radio.address))
+    return replace(bus, settings=session.console(radio, files), endpoints=session.endpoints(radio, radio.address))
 
 
 def check(config: Config, bus: BusConfig) -> None:

@@ -94,7 +94,7 @@ class Inbox(Generic[M]):
         if key != self.topic.key:  # a put on a wildcard is legal
             raise ValueError(f"was put on {key}")
         if not 0 < len(payload) <= MAX_PAYLOAD_bytes:
-            raise ValueError(f"deleted, or larger than {MAX_PAYLOAD_bytes} bytes")
+            raise ValueError(f"deleted, larger than {MAX_PAYLOAD_bytes} bytes, or not packed as its topic is")
         return self.topic.type.model_validate_json(payload, strict=True)
 
     def _check_order(self, message: M, now_ns: int) -> None:

@@ -10,6 +10,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Generator
 from contextlib import ExitStack, contextmanager, nullcontext
+from itertools import cycle
 from typing import Any
 
 import zenoh
@@ -19,6 +20,7 @@ from zenoh.handlers import RingChannel
 from schemas.topics import BY_KEY, Stance
 from services.runtime.bus import DEPTH, Mailbox, MAX_PAYLOAD_bytes, OnPayload
 from services.runtime.bus_config import BusConfig, claim
+from services.runtime.packing import packer, unpacker
 from services.runtime.zenoh_log import read_along
 
 LEASE_ms = 500
@@ -39,10 +41,9 @@ _PRIORITIES: dict[Stance, tuple[Priority, ...]] = {
     Stance.COMMAND: (Priority.DATA_HIGH,),
     Stance.BULK: (Priority.DATA_LOW,),
 }
-"""One copy goes out under each; by them the radio splits its links (gateway/session.py)."""
+"""By them the radio splits its links (gateway/session.py)."""
 _MAY_BE_LOST = (Stance.STREAM, Stance.TWICE)
 """The radio does not send them again: what follows would have to wait for it."""
-_COPIES_REMEMBERED = 16
 
 
 class ZenohBus:
@@ -52,8 +53,8 @@ class ZenohBus:
         self.log = config.log
         self._session = session
         self._prefix = config.prefix
-        self._publishers: dict[str, list[zenoh.Publisher]] = {}
-        self._copies = None if config.placement.elsewhere else 1
+        self._outlets: dict[str, Callable[[bytes], None]] = {}
+        self._over_a_radio = bool(config.placement.elsewhere)
         self._relays: list[_Relay] = []
 
     @property
@@ -68,19 +69,16 @@ class ZenohBus:
 
     def put(self, key: str, payload: bytes, stance: Stance) -> None:
         """Send over publishers that are declared on first use."""
-        if key not in self._publishers:
-            priorities = _PRIORITIES[stance][: self._copies]
-            self._publishers[key] = [self._declare(key, stance, priority) for priority in priorities]
-        for publisher in self._publishers[key]:
-            publisher.put(payload)
+        if key not in self._outlets:
+            self._outlets[key] = self._outlet(key, stance)
+        self._outlets[key](payload)
 
     def subscribe(self, key: str, on_payload: OnPayload) -> None:
         """Deliver the samples of `key` into the running loop."""
-        is_new = _is_new(key)
+        unpack = self._unpacker(key)
 
         def deliver(full_key: str, sample: Sample) -> None:
-            payload = _payload(sample)
-            if is_new(payload):
+            for payload in unpack(_payload(sample)):
                 on_payload(full_key, payload)
 
         relay = _Relay(asyncio.get_running_loop(), deliver)
@@ -90,14 +88,13 @@ class ZenohBus:
     def mailbox(self, key: str) -> Mailbox:
         """As Bus.mailbox: a ring in Zenoh's own memory, so that an arrival costs Python nothing."""
         subscriber = self._session.declare_subscriber(self._prefix + key, RingChannel(DEPTH))
-        strip, is_new = len(self._prefix), _is_new(key)
+        strip, unpack = len(self._prefix), self._unpacker(key)
 
         def take() -> list[tuple[str, bytes]]:
             taken: list[tuple[str, bytes]] = []
             while sample := subscriber.try_recv():
-                payload = _payload(sample)
-                if is_new(payload):
-                    taken.append((str(sample.key_expr)[strip:], payload))
+                full_key = str(sample.key_expr)[strip:]
+                taken.extend((full_key, payload) for payload in unpack(_payload(sample)))
             return taken
 
         return take
@@ -155,6 +152,23 @@ class ZenohBus:
         """By session, the certificate's name of each that is connected over the radio."""
         links = self._session.info.links()
         return {str(link.zid): link.auth_identifier for link in links if link.auth_identifier}
+
+    def _outlet(self, key: str, stance: Stance) -> Callable[[bytes], None]:
+        """One topic's way out. Over a radio the packets of guidance take turns on two links: loss keeps each one narrow."""
+        over = self._packs(key)
+        pack = packer(BY_KEY[key]) if over else bytes
+        turns = cycle([self._declare(key, stance, each) for each in _PRIORITIES[stance][: None if over else 1]])
+
+        def put(payload: bytes) -> None:
+            next(turns).put(pack(payload))
+
+        return put
+
+    def _unpacker(self, key: str) -> Callable[[bytes], list[bytes]]:
+        return unpacker(BY_KEY[key]) if self._packs(key) else lambda payload: [payload]
+
+    def _packs(self, key: str) -> bool:
+        return self._over_a_radio and key in BY_KEY and BY_KEY[key].packed
 
     def _declare(self, key: str, stance: Stance, priority: Priority) -> zenoh.Publisher:
         return self._session.declare_publisher(
@@ -262,21 +276,6 @@ def session_config(config: BusConfig, name: str) -> zenoh.Config:
 
 def _endpoint(config: BusConfig, name: str) -> str:
     return f"unixsock-stream/{config.socket(name)}"
-
-
-def _is_new(key: str) -> Callable[[bytes], bool]:
-    """Tells the first copy of a payload from the second, for a topic whose messages come twice."""
-    if key not in BY_KEY or BY_KEY[key].stance is not Stance.TWICE:
-        return lambda payload: True
-    recent = deque[bytes](maxlen=_COPIES_REMEMBERED)
-
-    def is_new(payload: bytes) -> bool:
-        if payload in recent:
-            return False
-        recent.append(payload)
-        return True
-
-    return is_new
 
 
 def _payload(sample: Sample) -> bytes:

@@ -1,6 +1,7 @@
 """The access rules of both gateways say what the table says: checked by an evaluator that knows nothing of how they are made."""
 
 import itertools
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -92,6 +93,18 @@ def test_each_thinned_key_has_a_limiter_of_its_own():
     assert len(rules) == len({rule["key_expr"] for rule in rules})
     assert not any("*" in rule["key_expr"] for rule in rules)
     assert all(0 < topic.radio_Hz < topic.rate_Hz for topic in TOPICS if topic.radio_Hz)
+
+
+def test_a_link_lives_long_enough_to_give_a_sign_of_life_over_a_slow_radio():
+    """The first keep-alive is sent a quarter of the lease after the answer has come back: one round trip later."""
+    radio = CONFIG.radio
+    assert radio is not None
+    files = Credentials(Path("ca.pem"), Path("d.pem"), Path("d.key"))
+    for round_trip_s in (0.0, 0.05, 0.1, 0.4, 0.7):
+        slow = replace(radio, connect_s=max(radio.connect_s, 8.0 * round_trip_s))
+        lease_s = session.gateway("drone", slow, SERVICES, files, PREFIX)["transport/link/tx/lease"] * 1e-3
+        assert lease_s > round_trip_s + 0.25 * lease_s
+    assert lease_s < 3.1 * round_trip_s, "and a dead one is noticed"
 
 
 def test_what_flies_by_the_radio_is_not_thinned():

@@ -92,7 +92,7 @@ def test_the_command_line_tells_all_of_it(folder):
 
 def test_a_missing_key_or_certificate(folder, tmp_path):
     assert fault(tmp_path, "ground") == (
-        f"{folder}/ground.pem: is missing; clew certs issue ground --role ground makes it"
+        f"{folder}/ground.pem: is missing: clew certs issue ground --role ground makes it, where ca.key is"
     )
     certs.issue(folder, "ground", "ground", [HERE])
     (folder / "ground.key").unlink()
@@ -107,13 +107,28 @@ def test_files_that_are_not_what_they_are_called(folder, tmp_path):
         assert fault(tmp_path, "ground") == f"{folder / name}: {why}"
         (folder / name).write_bytes(good)
     (folder / "ca.pem").unlink()
-    assert fault(tmp_path, "ground") == f"{folder}/ca.pem: is missing; clew certs init makes it, on one machine for all"
+    assert (
+        fault(tmp_path, "ground")
+        == f"{folder}/ca.pem: is missing: copy it from the one machine where clew certs init made it"
+    )
 
 
 def test_a_key_that_others_can_read(folder, tmp_path):
     certs.issue(folder, "ground", "ground", [HERE])
     (folder / "ground.key").chmod(0o644)
     assert fault(tmp_path, "ground") == f"{folder}/ground.key: mode 644: must be 600, others can read it"
+
+
+def test_a_key_of_another_user(folder, tmp_path, monkeypatch):
+    """As root made it on the host of a service that is not root."""
+
+    def refused(_: object):
+        raise PermissionError
+
+    certs.issue(folder, "ground", "ground", [HERE])
+    monkeypatch.setattr(type(folder), "read_bytes", refused)
+    text = fault(tmp_path, "ground")
+    assert re.fullmatch(rf"{folder}/ground.pem: belongs to \S+: this user cannot read it", text)
 
 
 def test_a_certificate_for_another_host(folder, tmp_path):
@@ -191,7 +206,7 @@ def test_hosts_that_do_not_fit_together(tmp_path, extra, why):
         profile(tmp_path, "drone", extra=extra)
 
 
-def test_installing_plans_every_service_of_the_host_and_nothing_of_the_other(tmp_path):
+def test_installing_plans_every_service_of_the_host_and_nothing_of_the_other(tmp_path, monkeypatch):
     for host in ("drone", "ground"):
         config = load(host)
         made = install.plan(host, config)
@@ -200,6 +215,10 @@ def test_installing_plans_every_service_of_the_host_and_nothing_of_the_other(tmp
         assert any("udev" in str(path) for path in made.files) is (host == "drone")
         assert install.install(host, dry_run=False, root=tmp_path / host) == 0
         assert (tmp_path / host / "etc/clew/host.env").read_text() == f"CLEW_PROFILE={host}\n"
+    own = tmp_path / "own.toml"
+    own.write_text('base = "drone"\n')
+    monkeypatch.chdir(tmp_path)
+    assert install.plan("own.toml", load("own.toml")).files[install.ETC / "host.env"][1] == f"CLEW_PROFILE={own}\n"
     fifo = tmp_path / "drone/etc/systemd/system/clew@px4_bridge.service.d/onboard.conf"
     assert "CPUSchedulingPolicy=fifo" in fifo.read_text()
     assert install.install("demo", dry_run=True) == 2

@@ -49,7 +49,8 @@ class Way:
 
     def __init__(self, into: int) -> None:
         self.into = into
-        self.bytes = 0
+        self.carried: dict[str, list[int]] = {}
+        """By the port of the end that listens: packets and bytes."""
         self._free_s = self._last_s = 0.0
         self._under_way: list[tuple[float, int, bytes]] = []
         self._n = 0
@@ -58,7 +59,7 @@ class Way:
         """Lose it, or let it arrive later, in order."""
         per_byte_s = 8e-6 / how["rate_Mbit_s"] if how["rate_Mbit_s"] else 0.0
         queued = (self._free_s - now_s) / per_byte_s if per_byte_s else 0.0
-        self.bytes += len(packet)
+        self._count(packet)
         if how["down"] or random.random() < how["loss"] or queued > BUFFER_bytes:
             return
         self._free_s = max(self._free_s, now_s) + len(packet) * per_byte_s
@@ -66,6 +67,14 @@ class Way:
         self._last_s = max(self._last_s, self._free_s + delay_s)
         self._n += 1
         heapq.heappush(self._under_way, (self._last_s, self._n, packet))
+
+    def _count(self, packet: bytes) -> None:
+        """Of IPv4 over UDP or TCP; who knocks has the higher port."""
+        start = 4 * (packet[0] & 0xF)
+        ends = struct.unpack_from("!HH", packet, start) if len(packet) >= start + 4 else (0,)
+        counted = self.carried.setdefault(str(min(ends)), [0, 0])
+        counted[0] += 1
+        counted[1] += len(packet)
 
     def deliver(self, now_s: float) -> float:
         """What is due; returns when something is next."""
@@ -88,7 +97,7 @@ def carry(a: int, b: int) -> None:
             if not line:
                 return
             how |= json.loads(line)
-            print(json.dumps({"up_bytes": ways[a].bytes, "down_bytes": ways[b].bytes}), flush=True)
+            print(json.dumps({"up": ways[a].carried, "down": ways[b].carried}), flush=True)
         for device in ready:
             if device in ways:
                 with suppress(BlockingIOError):

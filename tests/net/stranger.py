@@ -1,8 +1,8 @@
 """Somebody else on the bus: a bare Zenoh session that tries what its orders say and prints what it sees, as JSON.
 
-`python -m tests.net.stranger ORDERS.json`. Orders: `settings` for the session, `subscribe` keys, `put` [key, text] or
-[key, bytes to make up], `delete` keys, `token` and `query` keys, `many` distinct keys under `base`, and `seconds` to
-stay, putting ten times a second.
+`python -m tests.net.stranger ORDERS.json`. Orders: `settings` for the session, `subscribe` keys, `put` [key, text], packed
+as the topic is, or [key, bytes to make up], `delete` keys, `token` and `query` keys, `many` distinct keys under `base`, and
+`seconds` to stay, putting ten times a second.
 """
 
 import json
@@ -14,6 +14,10 @@ from typing import Any
 
 import zenoh
 
+from schemas.topics import BY_KEY
+from services.runtime.packing import packer
+
+PREFIX = "clew/@v1/t/"
 SCOUTING = {"scouting/multicast/enabled": False, "scouting/gossip/enabled": False, "connect/timeout_ms": 1500}
 
 
@@ -37,7 +41,7 @@ def _try(session: zenoh.Session, orders: dict[str, Any]) -> dict[str, Any]:
     for key in orders.get("subscribe", []):
         session.declare_subscriber(key, lambda sample: heard.update([str(sample.key_expr)]))
     tokens = [session.liveliness().declare_token(key) for key in orders.get("token", [])]
-    puts = [(key, b"x" * what if isinstance(what, int) else what) for key, what in orders.get("put", [])]
+    puts = [(key, b"x" * what if isinstance(what, int) else _packed(key, what)) for key, what in orders.get("put", [])]
     began = time.monotonic()
     for n in range(orders.get("many", 0)):
         session.put(f"{orders['base']}/k{n}", b"x")
@@ -55,6 +59,11 @@ def _try(session: zenoh.Session, orders: dict[str, Any]) -> dict[str, Any]:
     ]
     linked = len(list(session.info.routers_zid()))
     return {"heard": dict(heard), "answers": answers, "tokens": len(tokens), "routers": linked}
+
+
+def _packed(key: str, text: str) -> bytes:
+    topic = BY_KEY.get(key.removeprefix(PREFIX))
+    return packer(topic)(text.encode()) if topic and topic.packed else text.encode()
 
 
 if __name__ == "__main__":

@@ -106,8 +106,8 @@ class TwoHosts:
         for space in self.space.values():
             _ip("netns", "del", space)
 
-    def shape(self, **how: float | bool) -> dict[str, int]:
-        """Change the radio; returns the bytes that it was given so far, up (drone to ground) and down."""
+    def shape(self, **how: float | bool) -> dict[str, dict[str, list[int]]]:
+        """Change the radio; returns what it was given so far, up (drone to ground) and down: by port, packets and bytes."""
         assert self.radio.stdin
         assert self.radio.stdout
         self.radio.stdin.write(json.dumps(how) + "\n")
@@ -148,7 +148,7 @@ class TwoHosts:
 
     def clew(self, host: str, *arguments: str) -> subprocess.Popen[str]:
         """`clew ...` on one of the hosts."""
-        return self.start(host, sys.executable, "-P", "-m", "services.console.cli", *arguments)
+        return self.python(host, "services.console.cli", *arguments)
 
     def gateway(self, host: str) -> subprocess.Popen[str]:
         """That host's gateway, by its profile in the folder."""
@@ -156,7 +156,11 @@ class TwoHosts:
 
     def end(self, host: str, *arguments: str, **how: Any) -> subprocess.Popen[str]:
         """One end of a conversation, see ends.py."""
-        return self.start(host, sys.executable, "-P", "-m", "tests.net.ends", *arguments, **how)
+        return self.python(host, "tests.net.ends", *arguments, **how)
+
+    def python(self, host: str, module: str, *arguments: str, **how: Any) -> subprocess.Popen[str]:
+        """A module of this checkout."""
+        return self.start(host, sys.executable, "-P", "-m", module, *arguments, **how)
 
     def run_dir(self, host: str) -> Path:
         """Where that host's sockets are."""

@@ -4,7 +4,6 @@ import asyncio
 import importlib
 import json
 import random
-import time
 from collections.abc import Callable, Coroutine
 from dataclasses import replace
 from pathlib import Path
@@ -33,6 +32,11 @@ class AheadClock(VirtualClock):
 
     def now_ns(self) -> int:
         return super().now_ns() + LEAD_ns
+
+
+def time_of_day_ns() -> int:
+    """Both hosts agree on it."""
+    return VirtualClock().now_ns()
 
 
 class Radio:
@@ -68,7 +72,7 @@ class Radio:
         loop, there_s, back_s = asyncio.get_running_loop(), self._way_s(), self._way_s()
 
         def answer() -> None:
-            reply = json.dumps([VirtualClock().now_ns(), time.time_ns()]).encode()
+            reply = json.dumps([VirtualClock().now_ns(), time_of_day_ns()]).encode()
             loop.call_later(back_s, lambda: on_reply(reply, AheadClock().now_ns()))
 
         if not self.down:
@@ -147,7 +151,7 @@ def fly_as(
 
 async def _compare(node: Node, radio: Radio, config: Config) -> None:
     assert config.radio
-    comparison = Comparison(node, radio, config.radio)
+    comparison = Comparison(node, radio, config.radio, time_of_day_ns)
     async for tick in node.ticks(10.0):
         comparison.turn(tick.n, 1)
 
