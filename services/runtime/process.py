@@ -82,6 +82,8 @@ class _Life:
         return 0
 
     def _ended_by(self, why: BaseException) -> int:
+        while isinstance(why, BaseExceptionGroup) and len(why.exceptions) == 1:  # of a task group's one failed loop
+            (why,) = why.exceptions
         return self.failed(why, trace=not isinstance(why, PlainError))
 
     def failed(self, why: BaseException, *, trace: bool = False) -> int:
