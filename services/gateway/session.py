@@ -30,10 +30,10 @@ MESSAGE_MAX_bytes = 262_144
 """Larger than any message of the table; a link that brings a larger one is closed."""
 
 
-def endpoints(radio: Radio, address: str) -> tuple[str, ...]:
+def endpoints(radio: Radio) -> tuple[str, ...]:
     """One for each priority range."""
     return tuple(
-        link.format(address=address, port=port, priorities=priorities)
+        link.format(address=radio.address, port=port, priorities=priorities)
         for port, (link, priorities) in zip(radio.ports, _LINKS, strict=True)
     )
 
