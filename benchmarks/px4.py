@@ -1,4 +1,4 @@
-"""`make bench-px4`: the experiment, a push and the map of G5 on real PX4 in software; needs PX4_BIN.
+"""`make bench-px4`: the experiment, a push, the map of G5 and a dead bridge on real PX4 in software; needs PX4_BIN.
 
 The flights are unthrottled: services on virtual time, PX4 in lockstep. `--real-time N` adds N flights of the demo as its
 own processes, which say what the clock and MAVSDK make of it.
@@ -21,6 +21,7 @@ import numpy as np
 from benchmarks import flight_demo, px4_age
 from benchmarks.px4_rig import Rig, px4
 from benchmarks.table import show
+from schemas.safety import Phase
 from schemas.topics import TRUTH
 from services import cable
 from services.cable import Cable
@@ -29,12 +30,13 @@ from services.config import Config, load
 from services.physics import Array, norm
 from services.px4_bridge import admittance
 from services.recorder import reading, summary
+from services.rehearsal.quick import quicker
 from services.simulator import tethered
 from services.simulator.autopilot import STEP_S
 from services.simulator.flight import SUBSTEPS
 from services.simulator.quadrotor import QuadrotorState
 from services.simulator.tethered import Robot
-from tests.services import px4_chain
+from tests.services import px4_chain, px4_fall
 
 COLUMNS = (*flight_demo.COLUMNS, "times real time")
 PUSH_COLUMNS = ("vehicle", "push N", "peak cm", "after 3 s cm", "simulated: peak cm")
@@ -49,6 +51,7 @@ CELLS = (  # at least two on each side of the border, on both vehicles
     ("light", 0.5, 400.0),
     ("light", 0.8, 400.0),
 )
+FALL_COLUMNS = ("killed in", "offboard left s", "on the ground s", "disarmed s", "pull after 1.5 s N")
 CALM_N = 0.35
 PUSH_N, PUSH_S = 1.5, 3.0
 SIDE_N = np.array([0.0, PUSH_N, 0.0])
@@ -56,17 +59,17 @@ SIDE_N = np.array([0.0, PUSH_N, 0.0])
 
 def flights(seeds: Sequence[int]) -> list[tuple[str, ...]]:
     """The whole experiment, each with noise of its own."""
-    return [_flight(n, seed) for n, seed in enumerate(seeds, start=1)]
+    return [_flight(seed) for seed in seeds]
 
 
-def _flight(n: int, seed: int) -> tuple[str, ...]:
+def _flight(seed: int) -> tuple[str, ...]:
     with tempfile.TemporaryDirectory() as folder:
         began = time.monotonic()
         px4_chain.fly(px4_chain.px4_config(Path(folder), seed), px4_chain.whole)
         wall_s = time.monotonic() - began
         session = reading.read(Path(folder) / "session.mcap")
         result: dict[str, Any] = json.loads(summary.summarise(session).to_json())
-        row = (*flight_demo.row(n, result), f"{session.duration_s / wall_s:.1f}")
+        row = (*flight_demo.row(seed, result), f"{session.duration_s / wall_s:.1f}")
         print(*row, flush=True, file=sys.stderr)
         return row
 
@@ -188,19 +191,35 @@ def real_time(n: int) -> list[tuple[str, ...]]:
     return rows
 
 
+def falls() -> list[tuple[str, ...]]:
+    """The bridge is killed; PX4 has neither set-points nor poses from then on."""
+    rows = list[tuple[str, ...]]()
+    for phase in (Phase.ZEROING, Phase.READY, Phase.GUIDING, Phase.ARRIVED):
+        with tempfile.TemporaryDirectory() as folder:
+            fall = px4_fall.without_bridge(quicker(px4_chain.px4_config(Path(folder))), phase)
+        rows.append((phase.value, *(f"{seconds:.1f}" for seconds in fall[:3]), f"{fall.pull_N:.2f}"))
+    return rows
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--first-seed", type=int, default=1)
     parser.add_argument("--real-time", type=int, default=1)
-    parser.add_argument("--only", choices=("flights", "push", "map", "age", "real-time"))
+    parser.add_argument("--only", choices=("flights", "push", "map", "killed", "age", "real-time"))
     told = parser.parse_args()
     if not px4_chain.PX4_BIN:
         print("bench-px4: skipped: PX4_BIN is not set")
         return 0
+    seeds = range(told.first_seed, told.first_seed + told.seeds)
     parts: dict[str, tuple[str, Callable[[], object]]] = {
-        "flights": ("The experiment on PX4", lambda: show(flights(range(1, told.seeds + 1)), COLUMNS)),
+        "flights": (
+            "The experiment on PX4",
+            lambda: show(flights(seeds), COLUMNS),
+        ),
         "push": ("A side pull in hover, from the reference", lambda: show(pushes(), PUSH_COLUMNS)),
         "map": ("The map of G5", lambda: show(the_map(), MAP_COLUMNS)),
+        "killed": ("The bridge is killed", lambda: show(falls(), FALL_COLUMNS)),
         "age": ("How old a set-point is when PX4 shows it", lambda: show(px4_age.run(), px4_age.COLUMNS)),
         "real-time": ("In real time", lambda: show(real_time(told.real_time), COLUMNS)),
     }

@@ -121,9 +121,10 @@ class Rig:
     def _sensed(self, v_before: Array) -> Sensors:
         felt_W = (self.state.v_W - v_before) / STEP_S + GRAVITY_MPS2 * Z
         normal, p = self._random.standard_normal((2, 3)), self.config.vehicle.imu
+        height_m = imu.barometer(float(self.state.p_W[2]), self._random.standard_normal())
         return Sensors(
             imu.accelerometer(rotate(conjugate(self.state.q_WB_wxyz), felt_W), normal[0], STEP_S, p),
             imu.gyroscope(self.state.omega_B, normal[1], STEP_S, p),
             self.state.q_WB_wxyz,
-            height_m=float(self.state.p_W[2]),
+            height_m=height_m,
         )

@@ -19,7 +19,6 @@ constant force for that step (first order in dt, only while saturated), and the 
 Broadcasts over leading axes.
 """
 
-import math
 from collections.abc import Callable
 from typing import NamedTuple, TypeAlias
 
@@ -40,6 +39,7 @@ from services.physics import (
     scalar,
     vector,
 )
+from services.px4_bridge.response import respond
 
 LONG_S = 1e3
 RATIO_MIN, RATIO_MAX = 0.9, 2.0
@@ -221,7 +221,7 @@ class Held:
         case, M_A = (up, saturated, damped), self.p.M_A_kg
         if case not in self._known:
             k = 0.0 if saturated else self._k_z if up else self._k_xy
-            moved, gained, kept = _response(0.5 * self.damping(damped) / M_A, k / M_A, self.dt)
+            moved, gained, kept = respond(0.5 * self.damping(damped) / M_A, k / M_A, self.dt)
             self._known[case] = moved / M_A, gained, kept, gained / M_A
         return self._known[case]
 
@@ -265,25 +265,6 @@ def _by_axes(held: Held, taut_s: Scalar) -> Row:
     """b in N s/m: z is damped more for a while after the cable was slack (G7)."""
     b = held.damping(False)
     return b, b, held.damping(taut_s < held.p.slack_keep_s)
-
-
-def _response(a: Scalar, w2: Scalar, dt: Scalar) -> Row:
-    """δ̈ + 2a δ̇ + w² δ = u from δ = 0: δ = moved u + gained v, δ̇ = gained u + kept v; exact, every damping ratio."""
-    cosine, sine = _decaying(a * dt, (a * a - w2) * dt * dt)
-    gained = sine * dt
-    kept = cosine - a * gained
-    stiff = w2 * dt * dt > 1e-8  # below, both forms agree to 1e-8 and the first loses digits
-    moved = choose(stiff, 1.0 - cosine - a * gained, dt - gained) / choose(stiff, w2, 2.0 * a)
-    return moved, gained, kept
-
-
-def _decaying(decay: Scalar, z: Scalar) -> tuple[Scalar, Scalar]:
-    """cosh √z and sinh √z/√z, which are cos √-z and sin √-z/√-z for z < 0; both times exp(-decay)."""
-    if type(z) is float:
-        r, fade = max(abs(z), 1e-16) ** 0.5, math.exp(-decay)
-        return (fade * math.cosh(r), fade * math.sinh(r) / r) if z > 0 else (fade * math.cos(r), fade * math.sin(r) / r)
-    r, fade, grows = np.sqrt(np.maximum(np.abs(z), 1e-16)), np.exp(-decay), z > 0
-    return fade * choose(grows, np.cosh(r), np.cos(r)), fade * choose(grows, np.sinh(r), np.sin(r)) / r
 
 
 def _spring(length: Scalar, most_N: Scalar, p: Admittance) -> tuple[Scalar, Scalar]:

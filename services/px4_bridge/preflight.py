@@ -32,6 +32,7 @@ _WHY = {  # what a wrong value does; a parameter that is not here says it in its
     "MPC_USE_HTE": "with it the hover thrust learns the pull of the cable",
     "EKF2_EV_CTRL": "whether motion capture is used at all",
     "EKF2_HGT_REF": "with another reference the height drifts",
+    "EKF2_BARO_CTRL": "without it a vehicle that loses its poses does not feel the ground, and stays armed on it",
     "EKF2_EVP_NOISE": "how much motion capture is trusted",
     "EKF2_EV_DELAY": "how old poses are",
 }

@@ -15,7 +15,8 @@ from services.physics import norm
 from services.px4_bridge import flight, orders, said
 from services.px4_bridge.ears import Ears
 from services.px4_bridge.orders import Order
-from services.px4_bridge.vehicle import MavsdkVehicle, Vehicle, VehicleError
+from services.px4_bridge.vehicle import MavsdkVehicle
+from services.px4_bridge.vehicle_protocol import Vehicle, VehicleError
 from services.runtime.node import Node, Tick
 from services.runtime.pace import Pace
 

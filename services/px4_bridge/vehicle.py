@@ -4,8 +4,7 @@
 
 Everything goes through MAVSDK's `mavlink_direct`: nothing there repeats a set-point, and motors and inertial sensors
 can be had at full rate. Its callbacks run in one thread of MAVSDK's; they only stamp and hand over to the event loop,
-for a plugin call in there would never return. An order is believed when the autopilot's own state shows it, not when
-it is acknowledged.
+for a plugin call in there would never return.
 """
 
 import asyncio
@@ -24,12 +23,12 @@ from mavsdk.plugins.param import Param, ParamError, ParamResult
 from numpy.typing import NDArray
 from pydantic_core import from_json, to_json
 
-from schemas.vehicle import FlightMode
 from services.px4_bridge import telecommand, telemetry
+from services.px4_bridge.commanded import CommandedVehicle
 from services.px4_bridge.port import refuse_used
 from services.px4_bridge.telecommand import AUTOPILOT, Fields
-from services.px4_bridge.telemetry import Checks, ImuSample, Telemetry, VehicleSample
-from services.px4_bridge.vehicle_protocol import Vehicle, VehicleError
+from services.px4_bridge.telemetry import VehicleSample
+from services.px4_bridge.vehicle_protocol import VehicleError
 
 Array = NDArray[np.float64]
 
@@ -38,23 +37,21 @@ _ALL_PARAMETERS_S = 60.0  # a thousand of them, over a slow link
 _log = logging.getLogger(__name__)
 
 
-class MavsdkVehicle(Vehicle):
+class MavsdkVehicle(CommandedVehicle):
     """A Vehicle by MAVSDK; made by `connect`."""
 
     def __init__(
         self, system: Any, p: telemetry.Vehicle, now_ns: Callable[[], int], answer_s: float, *, tell_time: bool
     ) -> None:
-        self._now_ns, self._answer_s = now_ns, answer_s
+        super().__init__(p, now_ns, answer_s)
         self._loop = asyncio.get_running_loop()
-        self._telemetry = Telemetry(p)
-        self._imu_arrived, self._status = asyncio.Event(), asyncio.Event()
         self._inbox: deque[tuple[str, str, int]] = deque()
         self._handing_over = False
         self._renewal: asyncio.Task[None] | None = None
         self._system, self._events = system, cast(Events | None, None)
         self._system_id: int = system.get_system_id()
         self._direct, self._parameters = MavlinkDirect(system), Param(system)
-        self._tell_time, self._told = tell_time, 0
+        self._tell_time, self._time_told = tell_time, 0
         self._wanted = (*self._telemetry.messages, *([_TIMESYNC] if tell_time else []))
         for name in self._wanted:
             self._direct.subscribe_message(name, self._on_message)
@@ -94,20 +91,8 @@ class MavsdkVehicle(Vehicle):
 
     @property
     def sample(self) -> VehicleSample:
-        knows_time = not self._tell_time or self._told >= telecommand.TOLD_ENOUGH
-        return self._telemetry.sample(self._now_ns())._replace(knows_time=knows_time)
-
-    async def wait_imu(self) -> None:
-        await self._imu_arrived.wait()
-
-    def drain_imu(self) -> list[ImuSample]:
-        self._imu_arrived.clear()
-        return self._telemetry.drain()
-
-    def drain_texts(self) -> list[str]:
-        texts = list(self._telemetry.texts)
-        self._telemetry.texts.clear()
-        return texts
+        knows_time = not self._tell_time or self._time_told >= telecommand.TOLD_ENOUGH
+        return super().sample._replace(knows_time=knows_time)
 
     def send_setpoint(self, p_W: Array | None, v_W: Array | None, a_W: Array | None, yaw_rad: float | None) -> None:
         fields = telecommand.setpoint(p_W, v_W, a_W, yaw_rad)
@@ -116,31 +101,8 @@ class MavsdkVehicle(Vehicle):
     def send_pose(self, p_W: Array, q_WB_wxyz: Array, stamp_ns: int) -> None:
         self._send("VISION_POSITION_ESTIMATE", telecommand.pose(p_W, q_WB_wxyz, stamp_ns))
 
-    async def arm(self) -> None:
-        await self._command("arm", telecommand.command(telecommand.ARM, 1.0))
-        await self._shown("arm", lambda now: now.armed)
-
-    async def disarm(self) -> None:
-        await self._command("disarm", telecommand.command(telecommand.ARM, 0.0))
-        await self._shown("disarm", lambda now: not now.armed)
-
-    async def set_mode(self, mode: FlightMode) -> None:
-        await self._command(f"mode {mode.value}", telecommand.mode(mode))
-        await self._shown(f"mode {mode.value}", lambda now: now.mode is mode)
-
-    async def kill(self) -> None:
-        await self._command("kill", telecommand.command(telecommand.ARM, 0.0, telecommand.FORCED))
-        await self._shown("kill", lambda now: not now.armed)
-
-    async def terminate(self) -> None:
-        await self._command("flight termination", telecommand.command(telecommand.TERMINATE, 1.0))
-
     async def set_origin(self) -> None:
         self._send("SET_GPS_GLOBAL_ORIGIN", telecommand.origin() | {"target_system": self._system_id})
-
-    @property
-    def checks(self) -> Checks:
-        return self._telemetry.checks
 
     async def ask_version(self) -> None:
         await self._command("version", telecommand.command(telecommand.REQUEST, telecommand.VERSION))
@@ -183,30 +145,10 @@ class MavsdkVehicle(Vehicle):
         except TimeoutError:
             raise VehicleError(f"{what}: no answer within {within_s:g} s") from None
 
-    async def _command(self, what: str, fields: Fields) -> None:
-        """Send a COMMAND_LONG and check its acknowledgement."""
+    async def _acknowledged(self, fields: Fields) -> int:
         done: asyncio.Future[int] = self._loop.create_future()
-        message = _message("COMMAND_LONG", self._addressed(fields))
-        try:
-            async with asyncio.timeout(self._answer_s):
-                self._direct.send_command_async(message, self._on_answer, done)
-                result = await done
-        except TimeoutError:
-            raise VehicleError(f"{what}: no answer within {self._answer_s:g} s") from None
-        if result:
-            raise VehicleError(f"{what}: {telecommand.RESULTS.get(result, f'result {result}')} by the autopilot")
-
-    async def _shown(self, what: str, is_so: Callable[[VehicleSample], bool]) -> None:
-        """Wait for a status that shows it: acknowledged is not done."""
-        try:
-            async with asyncio.timeout(self._answer_s):
-                while True:
-                    self._status.clear()
-                    await self._status.wait()
-                    if is_so(self.sample):
-                        return
-        except TimeoutError:
-            raise VehicleError(f"{what}: acknowledged, but not seen within {self._answer_s:g} s") from None
+        self._direct.send_command_async(_message("COMMAND_LONG", self._addressed(fields)), self._on_answer, done)
+        return await done
 
     async def _request_rates(self) -> None:
         for name, (number, rate_Hz) in telecommand.RATES_Hz.items():
@@ -261,13 +203,13 @@ class MavsdkVehicle(Vehicle):
         if self._telemetry.has_imu:
             self._imu_arrived.set()
         if self._telemetry.statuses > statuses:
-            self._status.set()
+            self._told.set()
         if self._telemetry.heartbeats > heartbeats > 0 and not was_connected:
             self._renewal = asyncio.create_task(self._renew_rates())
 
     def _answer_time(self, asked: Fields, arrival_ns: int) -> None:
         if not asked["tc1"]:
-            self._told += 1
+            self._time_told += 1
             self._send(_TIMESYNC, telecommand.our_time(asked, arrival_ns))
 
 

@@ -12,13 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from schemas import frames
-from schemas.vehicle import FlightMode, ThrustSource
+from schemas.vehicle import ThrustSource
 from services.px4_bridge import telecommand, telemetry
-from services.px4_bridge.telemetry import Checks, ImuSample, Telemetry, VehicleSample
-from services.px4_bridge.vehicle_protocol import Vehicle, VehicleError
+from services.px4_bridge.commanded import CommandedVehicle
+from services.px4_bridge.vehicle_protocol import VehicleError
+from services.simulator import mavlink_orders
 from services.simulator.autopilot import Answer, AutopilotState, Input, Output, Pose, Sensors, Target
 from services.simulator.cascade import Setpoint
-from services.simulator.commander import Ack, Arm, Mode, Request, SetOrigin, SetParameter, Switch, Terminate
+from services.simulator.commander import Ack, Mode, Request, SetOrigin, SetParameter
 from services.simulator.mavlink_streams import (
     CUSTOM_MODE,
     PREARM,
@@ -32,20 +33,17 @@ from services.simulator.mavlink_streams import (
 
 Array = NDArray[np.float64]
 
-_MODES = {FlightMode.OFFBOARD: Mode.OFFBOARD, FlightMode.HOLD: Mode.HOLD, FlightMode.LAND: Mode.LAND}
-_ANSWER_S = 3.0
 UNREAD_S = 0.02
 Messages = list[tuple[str, telemetry.Fields]]
 Garble = Callable[[Messages], Messages]
 
 
-class DirectVehicle(Vehicle):
+class DirectVehicle(CommandedVehicle):
     """Both ends at once: hand it to `px4_bridge.service.fly` and to `simulator.service.play`."""
 
     def __init__(self, p: telemetry.Vehicle, now_ns: Callable[[], int], delay_s: float = 0.0) -> None:
-        self._p, self._now_ns, self._delay_s = p, now_ns, delay_s
-        self._telemetry = Telemetry(p)
-        self._imu_arrived, self._stepped = asyncio.Event(), asyncio.Event()
+        super().__init__(p, now_ns)
+        self._p, self._delay_s = p, delay_s
         self._to_vehicle: list[Input] = []
         self._waiting: dict[int, asyncio.Future[Ack]] = {}
         self._px4: dict[str, int | float] = {}
@@ -108,7 +106,7 @@ class DirectVehicle(Vehicle):
             self._settle(answer)
         if self._telemetry.has_imu:
             self._imu_arrived.set()
-        self._stepped.set()
+        self._told.set()
 
     def _settle(self, answer: Answer) -> None:
         done = self._waiting.pop(answer.request.ticket, None)
@@ -117,22 +115,9 @@ class DirectVehicle(Vehicle):
 
     # The bridge's side.
 
-    @property
-    def sample(self) -> VehicleSample:
-        return self._telemetry.sample(self._now_ns())
-
     async def wait_imu(self) -> None:
-        await self._imu_arrived.wait()
+        await super().wait_imu()
         await self._going.wait()
-
-    def drain_imu(self) -> list[ImuSample]:
-        self._imu_arrived.clear()
-        return self._telemetry.drain()
-
-    def drain_texts(self) -> list[str]:
-        texts = list(self._telemetry.texts)
-        self._telemetry.texts.clear()
-        return texts
 
     def send_setpoint(self, p_W: Array | None, v_W: Array | None, a_W: Array | None, yaw_rad: float | None) -> None:
         telecommand.setpoint(p_W, v_W, a_W, yaw_rad)  # refuses what the wire would refuse
@@ -146,32 +131,8 @@ class DirectVehicle(Vehicle):
     def send_pose(self, p_W: Array, q_WB_wxyz: Array, stamp_ns: int) -> None:
         self._put(Pose(p_W.copy(), (self._now_ns() - stamp_ns) * 1e-9 + self._delay_s))
 
-    async def arm(self) -> None:
-        await self._order("arm", lambda ticket: Arm(True, ticket=ticket))
-        await self._shown("arm", lambda now: now.armed)
-
-    async def disarm(self) -> None:
-        await self._order("disarm", lambda ticket: Arm(False, ticket=ticket))
-        await self._shown("disarm", lambda now: not now.armed)
-
-    async def set_mode(self, mode: FlightMode) -> None:
-        telecommand.mode(mode)
-        await self._order(f"mode {mode.value}", lambda ticket: Switch(_MODES[mode], ticket))
-        await self._shown(f"mode {mode.value}", lambda now: now.mode is mode)
-
-    async def kill(self) -> None:
-        await self._order("kill", lambda ticket: Arm(False, force=True, ticket=ticket))
-        await self._shown("kill", lambda now: not now.armed)
-
-    async def terminate(self) -> None:
-        await self._order("flight termination", Terminate)
-
     async def set_origin(self) -> None:
         self._put(SetOrigin())
-
-    @property
-    def checks(self) -> Checks:
-        return self._telemetry.checks
 
     async def ask_version(self) -> None:
         self._telemetry.take("AUTOPILOT_VERSION", {"flight_sw_version": VERSION}, self._now_ns())
@@ -180,9 +141,7 @@ class DirectVehicle(Vehicle):
         raise VehicleError("arming checks: unsupported")
 
     async def get_parameters(self) -> dict[str, int | float]:
-        while not self._px4:
-            self._stepped.clear()
-            await self._stepped.wait()
+        await self._until(lambda: bool(self._px4))
         return dict(self._px4)
 
     async def get_parameter(self, name: str) -> int | float:
@@ -191,31 +150,20 @@ class DirectVehicle(Vehicle):
         return self._px4[name]
 
     async def set_parameter(self, name: str, value: int | float) -> None:
-        await self._order(f"parameter {name} = {value}", lambda ticket: SetParameter(name, value, ticket))
+        await self._accepted(f"parameter {name} = {value}", self._answered(SetParameter(name, value)))
 
-    async def _order(self, what: str, request: Callable[[int], Request]) -> None:
+    async def _acknowledged(self, fields: telemetry.Fields) -> int:
+        asked = mavlink_orders.request(fields["command"], *(fields[f"param{n}"] for n in (1, 2, 3)))
+        assert asked is not None, fields
+        return await self._answered(asked)
+
+    async def _answered(self, asked: Request) -> int:
+        if isinstance(asked, self.refuses):
+            return Ack.DENIED
         self._tickets += 1
         done = self._waiting[self._tickets] = asyncio.get_running_loop().create_future()
-        asked = request(self._tickets)
-        if isinstance(asked, self.refuses):
-            raise VehicleError(f"{what}: denied by the autopilot")
-        self._put(asked)
-        try:
-            async with asyncio.timeout(_ANSWER_S):
-                ack = await done
-        except TimeoutError:
-            raise VehicleError(f"{what}: no answer within {_ANSWER_S:g} s") from None
-        if ack is not Ack.ACCEPTED:
-            raise VehicleError(f"{what}: {telecommand.RESULTS[int(ack)]} by the autopilot")
-
-    async def _shown(self, what: str, is_so: Callable[[VehicleSample], bool]) -> None:
-        try:
-            async with asyncio.timeout(_ANSWER_S):
-                while not is_so(self.sample):
-                    self._stepped.clear()
-                    await self._stepped.wait()
-        except TimeoutError:
-            raise VehicleError(f"{what}: acknowledged, but not seen within {_ANSWER_S:g} s") from None
+        self._put(asked._replace(ticket=self._tickets))
+        return await done
 
     def pilot(self, item: Input) -> None:
         """What somebody else tells the autopilot: a pilot at the radio control, a ground station."""

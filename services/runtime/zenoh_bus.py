@@ -208,7 +208,8 @@ class _Relay:
             os.eventfd_write(self._fd, 1)
 
     def close(self) -> None:
-        """After the session: nobody posts any more."""
+        """After the session. What was on its way in Zenoh's thread may still be posted: it wakes nobody."""
+        self._woken = True
         if not self._loop.is_closed():
             self._loop.remove_reader(self._fd)
         os.close(self._fd)

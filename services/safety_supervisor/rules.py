@@ -110,7 +110,7 @@ RULES: tuple[Rule, ...] = (
     Rule("handle_lost",       lambda f, p: f.handle_age_s > p.age_hold_s,           ENGAGED, 2.0, Level.HOLD,  "the handle has not been seen for long",    "check its markers and the capture system"),
     Rule("robot_hidden",      lambda f, p: f.robot_pose_age_s > p.age_hold_s,       PREPARED, 0.5, Level.EASE, "the vehicle is not seen",                  "check its markers and the capture system"),
     Rule("robot_lost",        lambda f, p: f.robot_pose_age_s > p.robot_lost_s,     FLYING,  0.0, Level.DESCEND, "the autopilot flies without motion capture", "let go, step back: it lands"),
-    Rule("robot_elsewhere",   lambda f, p: f.robot_apart_m > p.robot_apart_m,       ALOFT,   0.1, Level.EASE,  "motion capture sees the vehicle elsewhere", "check the markers of vehicle and handle"),
+    Rule("robot_elsewhere",   lambda f, p: f.robot_apart_m > p.robot_apart_m,       ALOFT | {Phase.IDLE}, 0.1, Level.EASE,  "motion capture sees the vehicle elsewhere", "check the markers of vehicle and handle"),
     Rule("robot_gone",        lambda f, p: f.robot_apart_m > p.robot_apart_m,       ALOFT,   2.0, Level.DESCEND, "motion capture has long seen the vehicle elsewhere", "let go, step back: it lands"),
     Rule("force_silent",      lambda f, p: f.force_age_s > p.age_ease_s,            PREPARED, 0.0, Level.EASE,  "the force estimate is stale",              "check force_estimator and the IMU stream"),
     Rule("force_aside",       lambda f, p: f.force_aside_N > p.force_aside_N,       ENGAGED, 0.1, Level.HOLD,  "the force does not point along the cable", "check force_estimator and the frames"),

@@ -50,7 +50,7 @@ class Autopilot:
 
 
 class Sensors(NamedTuple):
-    """specific_force_B, omega_B (3,), q_WB_wxyz (4,), the battery, and the height above the floor for a barometer."""
+    """specific_force_B, omega_B (3,), q_WB_wxyz (4,), the battery, and the height above the floor by the barometer."""
 
     specific_force_B: Array
     omega_B: Array

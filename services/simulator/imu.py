@@ -1,4 +1,4 @@
-"""What sensors make of the truth: noise and bias of an inertial unit and of motion capture.
+"""What sensors make of the truth: noise and bias of an inertial unit, a barometer and motion capture.
 
 | symbol | here | unit | frame |
 |---|---|---|---|
@@ -19,6 +19,9 @@ from services.parameters import NonNegative, parameters
 from services.simulator.quadrotor import turn
 
 Array = NDArray[np.float64]
+
+BAROMETER_SIGMA_M = 0.1
+"""Of a common chip at 50 Hz. One that repeats itself counts as broken with PX4, and a vehicle on the ground would have none."""
 
 
 @parameters
@@ -47,6 +50,11 @@ def accelerometer(specific_force_B: Array, normal: Array, dt: float, p: Imu) -> 
 def gyroscope(omega_B: Array, normal: Array, dt: float, p: Imu) -> Array:
     """A reading in rad/s, (..., 3), of a sensor that gives one sample every `dt`; `normal` is (..., 3)."""
     return omega_B + p.gyro_bias_rad_s + (p.gyro_density_rad_s_per_rtHz / math.sqrt(dt)) * normal
+
+
+def barometer(height_m: float, normal: float) -> float:
+    """A reading in m; `normal` is one number."""
+    return height_m + BAROMETER_SIGMA_M * normal
 
 
 def mocap(p_W: Array, q_WB_wxyz: Array, normal: Array, p: Mocap) -> tuple[Array, Array]:

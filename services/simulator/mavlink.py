@@ -19,19 +19,11 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import development as dialect
 
 from schemas import frames
+from services.simulator import mavlink_orders
 from services.simulator.autopilot import STEP_S, AutopilotState, Input, Output, Pose, Sensors, Target
 from services.simulator.cascade import Setpoint
-from services.simulator.commander import (
-    Ack,
-    Arm,
-    Mode,
-    SetOrigin,
-    SetParameter,
-    Switch,
-    Terminate,
-    Unsupported,
-)
-from services.simulator.mavlink_streams import CUSTOM_MODE, Moment, streams
+from services.simulator.commander import Ack, SetOrigin, SetParameter
+from services.simulator.mavlink_streams import Moment, streams
 from services.simulator.timesync import Timesync
 from services.simulator.wire import Wire
 
@@ -39,12 +31,10 @@ Array = NDArray[np.float64]
 
 _SYSTEM, _AUTOPILOT = 1, 1
 _DATAGRAM_BYTES = 1400
-_FORCE = 21196  # the magic number of a forced disarm
 _LOCAL_NED = 1
 _FORCE_SETPOINT, _IGNORE_YAW = 1 << 9, 1 << 10
 _INT32, _REAL32 = 6, 9
 _WARNING = 4
-_MODES = {code: mode for mode, code in CUSTOM_MODE.items() if mode is not Mode.DESCEND}
 
 
 class MavlinkLink:
@@ -177,18 +167,11 @@ class MavlinkLink:
 
     def _on_command(self, message: Any) -> None:
         command, first, second = message.command, message.param1, message.param2
-        match command:
-            case dialect.MAV_CMD_COMPONENT_ARM_DISARM:
-                self._inputs.append(Arm(first > 0.5, second == _FORCE, command))
-            case dialect.MAV_CMD_DO_SET_MODE:
-                mode = _MODES.get(_whole(second) << 16 | _whole(message.param3) << 24)
-                self._inputs.append(Switch(mode, command) if mode else Unsupported(command))
-            case dialect.MAV_CMD_NAV_LAND:
-                self._inputs.append(Switch(Mode.LAND, command))
-            case dialect.MAV_CMD_DO_FLIGHTTERMINATION:
-                self._inputs.append(Terminate(command))
-            case _:
-                self._reply(command, self._on_message_command(command, _whole(first), second))
+        asked = mavlink_orders.request(command, first, second, message.param3)
+        if asked is None:
+            self._reply(command, self._on_message_command(command, mavlink_orders.whole(first), second))
+        else:
+            self._inputs.append(asked)
 
     def _on_message_command(self, command: int, message_id: int, interval_us: float) -> Ack:
         """Requests about messages, which the autopilot itself does not hear of."""
@@ -245,10 +228,6 @@ class MavlinkLink:
 
 def _is_for_us(message: Any) -> bool:
     return getattr(message, "target_system", 0) in (0, _SYSTEM)
-
-
-def _whole(value: float) -> int:
-    return 0 if math.isnan(value) else int(value)
 
 
 def _float_of_bits(value: int) -> float:

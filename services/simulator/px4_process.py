@@ -21,11 +21,20 @@ STOP_s = 0.7
 _POLL_s = 0.1
 _TAIL_lines = 8
 _PR_SET_PDEATHSIG = 1
+INSTANCE, AIRFRAME = "simulator.px4_sitl.instance", "simulator.px4_sitl.airframe"
 _UNKNOWN_PARAMETER = re.compile(r"Parameter (\w+) not found")
 
 
 class Px4NotThere(PlainError):
     """PX4 cannot be started, or does not come; the text says what to do."""
+
+
+def check(p: Px4Sitl) -> None:
+    """Program and port, before anything starts. Raises Px4NotThere."""
+    if p.binary:
+        _etc(Path(p.binary))
+    with _listening(p.port):
+        pass
 
 
 @asynccontextmanager
@@ -72,7 +81,7 @@ def _etc(binary: Path) -> Path:
     """PX4's start scripts, which are installed beside its bin folder. Raises Px4NotThere."""
     etc = binary.resolve().parent.parent / "etc"
     if not (etc / "init.d-posix" / "rcS").is_file():
-        raise Px4NotThere(f"{binary}: no PX4 for simulation: {etc}/init.d-posix/rcS is missing")
+        raise Px4NotThere(f"{binary}: no PX4 for simulation: {etc}/init.d-posix/rcS is missing: give a build's bin/px4")
     return etc
 
 
@@ -98,7 +107,10 @@ def _listening(port: int) -> Generator[socket.socket]:
         try:
             listener.bind(("127.0.0.1", port))
         except OSError as error:
-            raise Px4NotThere(f"port {port}, where PX4 looks for its simulator: {error.strerror}") from None
+            why = f"port {port}, where PX4 looks for its simulator: {(error.strerror or str(error)).lower()}"
+            raise Px4NotThere(
+                f"{why}: stop the demo or simulator that listens there, or take another {INSTANCE}"
+            ) from None
         listener.listen(1)
         listener.setblocking(False)
         yield listener
@@ -116,11 +128,13 @@ async def _first(
             if done:
                 return accepting.result()[0]
             if process is not None and process.poll() is not None:
-                raise Px4NotThere(f"PX4 ended with exit code {process.returncode}\n{_last_words(folder)}")
+                raise Px4NotThere(f"PX4 ended with exit code {process.returncode}{_last_words(folder)}")
     finally:
         accepting.cancel()
-    what = f"{p.binary} has not" if p.binary else "no PX4 has (give its program by --px4 or PX4_BIN, or start one)"
-    raise Px4NotThere(f"{what} connected to port {p.port} within {p.appears_s:g} s")
+    where = f"connected to port {p.port} within {p.appears_s:g} s"
+    if p.binary:
+        raise Px4NotThere(f"{p.binary} has not {where}: see px4.log; is {AIRFRAME} one that waits for a simulator?")
+    raise Px4NotThere(f"no PX4 has {where}: give its program by --px4 or PX4_BIN, or start one")
 
 
 def _check_parameters(folder: Path, wanted: Px4Parameters) -> None:
@@ -136,4 +150,4 @@ def _words(folder: Path) -> list[str]:
 
 def _last_words(folder: Path) -> str:
     lines = _words(folder)[-_TAIL_lines:]
-    return "\n".join(f"  px4: {line}" for line in lines)
+    return "".join(f"\n  px4: {line}" for line in lines)

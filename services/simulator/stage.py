@@ -32,6 +32,7 @@ class Stage:
             config.person.behaviour,
         )
         self._noise = np.random.default_rng(config.system.seed)
+        self._air = np.random.default_rng((config.system.seed, 1))  # apart: the stand-in has no barometer
         self.world = self._initial()
         self._pilot = pilot_of(self.world.robot)
 
@@ -92,7 +93,7 @@ class Stage:
             imu.accelerometer(rotate(conjugate(robot.q_WB_wxyz), felt_W), normal[0], STEP_S, p),
             imu.gyroscope(robot.omega_B, normal[1], STEP_S, p),
             robot.q_WB_wxyz,
-            height_m=float(robot.p_W[2]),
+            height_m=imu.barometer(float(robot.p_W[2]), self._air.standard_normal()),
         )
 
 

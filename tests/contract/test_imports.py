@@ -23,6 +23,7 @@ DEVICES = {
     "ears",
     "vehicle",
     "vehicle_protocol",
+    "commanded",
     "mavlink",
     "mavlink_streams",
     "wire",

@@ -16,11 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import development as dialect
 
-from schemas.vehicle import FlightMode
 from services.px4_bridge import telecommand, telemetry
+from services.px4_bridge.commanded import CommandedVehicle
 from services.px4_bridge.telecommand import AUTOPILOT, Fields
-from services.px4_bridge.telemetry import Checks, ImuSample, Telemetry, VehicleSample
-from services.px4_bridge.vehicle_protocol import Vehicle, VehicleError
+from services.px4_bridge.vehicle_protocol import VehicleError
 from services.simulator.autopilot import STEP_S, Sensors
 from services.simulator.pilot import Pilot
 from services.simulator.px4_hil import Px4Hil
@@ -28,18 +27,16 @@ from services.simulator.px4_hil import Px4Hil
 Array = NDArray[np.float64]
 
 PATIENCE_S = 0.003
-_ANSWER_S = 3.0
 _COMPANION = (1, 191)
 _IMU, _ACK = "HIGHRES_IMU", "COMMAND_ACK"
 
 
-class Px4Vehicle(Vehicle, Pilot):
+class Px4Vehicle(CommandedVehicle, Pilot):
     """Both ends at once: hand it to `px4_bridge.service.fly` and, as the pilot, to the simulator's stage."""
 
     def __init__(self, p: telemetry.Vehicle, now_ns: Callable[[], int], hil: Px4Hil, companion_port: int) -> None:
-        self._now_ns, self._hil = now_ns, hil
-        self._telemetry = Telemetry(p)
-        self._imu_arrived, self._pumped = asyncio.Event(), asyncio.Event()
+        super().__init__(p, now_ns)
+        self._hil = hil
         self._waiting: dict[int, asyncio.Future[int]] = {}
         self._px4: tuple[str, int] | None = None
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -84,7 +81,7 @@ class Px4Vehicle(Vehicle, Pilot):
                 break
         if self._telemetry.has_imu:
             self._imu_arrived.set()
-        self._pumped.set()
+        self._told.set()
 
     def _read(self) -> bytes | None:
         try:
@@ -132,22 +129,6 @@ class Px4Vehicle(Vehicle, Pilot):
         """A COMMAND_LONG whose answer nobody waits for."""
         self._send("command_long", fields | {"target_system": 1, "target_component": AUTOPILOT})
 
-    @property
-    def sample(self) -> VehicleSample:
-        return self._telemetry.sample(self._now_ns())
-
-    async def wait_imu(self) -> None:
-        await self._imu_arrived.wait()
-
-    def drain_imu(self) -> list[ImuSample]:
-        self._imu_arrived.clear()
-        return self._telemetry.drain()
-
-    def drain_texts(self) -> list[str]:
-        texts = list(self._telemetry.texts)
-        self._telemetry.texts.clear()
-        return texts
-
     def send_setpoint(self, p_W: Array | None, v_W: Array | None, a_W: Array | None, yaw_rad: float | None) -> None:
         fields = telecommand.setpoint(p_W, v_W, a_W, yaw_rad)
         if self.mute:
@@ -159,31 +140,8 @@ class Px4Vehicle(Vehicle, Pilot):
         covariance = [np.nan if c is None else c for c in fields["covariance"]]
         self._send("vision_position_estimate", fields | {"covariance": covariance})
 
-    async def arm(self) -> None:
-        await self._command("arm", telecommand.command(telecommand.ARM, 1.0))
-        await self._shown("arm", lambda now: now.armed)
-
-    async def disarm(self) -> None:
-        await self._command("disarm", telecommand.command(telecommand.ARM, 0.0))
-        await self._shown("disarm", lambda now: not now.armed)
-
-    async def set_mode(self, mode: FlightMode) -> None:
-        await self._command(f"mode {mode.value}", telecommand.mode(mode))
-        await self._shown(f"mode {mode.value}", lambda now: now.mode is mode)
-
-    async def kill(self) -> None:
-        await self._command("kill", telecommand.command(telecommand.ARM, 0.0, telecommand.FORCED))
-        await self._shown("kill", lambda now: not now.armed)
-
-    async def terminate(self) -> None:
-        await self._command("flight termination", telecommand.command(telecommand.TERMINATE, 1.0))
-
     async def set_origin(self) -> None:
         self._send("set_gps_global_origin", telecommand.origin() | {"target_system": 1})
-
-    @property
-    def checks(self) -> Checks:
-        return self._telemetry.checks
 
     async def ask_version(self) -> None:
         self.order(telecommand.command(telecommand.REQUEST, telecommand.VERSION))
@@ -200,28 +158,10 @@ class Px4Vehicle(Vehicle, Pilot):
     async def set_parameter(self, name: str, value: int | float) -> None:
         raise VehicleError(f"parameter {name} = {value}: not set on virtual time")
 
-    async def _command(self, what: str, fields: Fields) -> None:
+    async def _acknowledged(self, fields: Fields) -> int:
         done = self._waiting[fields["command"]] = asyncio.get_running_loop().create_future()
         self.order(fields)
-        try:
-            async with asyncio.timeout(_ANSWER_S):
-                result = await done
-        except TimeoutError:
-            raise VehicleError(f"{what}: no answer within {_ANSWER_S:g} s") from None
-        if result:
-            raise VehicleError(f"{what}: {telecommand.RESULTS.get(result, result)} by the autopilot")
-
-    async def _shown(self, what: str, is_so: Callable[[VehicleSample], bool]) -> None:
-        try:
-            async with asyncio.timeout(_ANSWER_S):
-                await self._until(lambda: is_so(self.sample))
-        except TimeoutError:
-            raise VehicleError(f"{what}: acknowledged, but not seen within {_ANSWER_S:g} s") from None
-
-    async def _until(self, is_so: Callable[[], bool]) -> None:
-        while not is_so():
-            self._pumped.clear()
-            await self._pumped.wait()
+        return await done
 
     def _send(self, name: str, fields: Fields) -> None:
         if self._px4 is not None:

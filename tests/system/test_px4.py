@@ -17,7 +17,7 @@ from services.recorder import reading, summary
 from services.rehearsal.chain import Flight, Stage
 from services.rehearsal.quick import quicker
 from services.simulator.human import Event, Kind
-from tests.services import px4_chain
+from tests.services import px4_chain, px4_fall
 
 pytestmark = [
     pytest.mark.skipif(not px4_chain.PX4_BIN, reason="PX4_BIN is not set: no real PX4 to fly"),
@@ -143,6 +143,16 @@ def test_after_a_loss_of_set_points_it_lands_and_is_not_flown_again(tmp_path):
     assert not sent
 
 
+@pytest.mark.parametrize("phase", [Phase.ZEROING, Phase.GUIDING, Phase.ARRIVED])
+def test_a_bridge_that_is_killed_leaves_nothing_armed(tmp_path, phase):
+    """Its poses end with its set-points, so PX4 comes down blindly; by the barometer it feels the ground all the same."""
+    fall = px4_fall.without_bridge(quicker(px4_chain.px4_config(tmp_path)), phase)
+    assert fall.left_s < 1.2
+    assert fall.pull_N < 0.3
+    assert fall.down_s < 8.0
+    assert fall.disarmed_s < 20.0
+
+
 def test_without_motion_capture_nobody_is_pulled_and_it_comes_down(tmp_path):
     """PX4 dead-reckons for 4.7 s, then descends wherever it is; by then nothing pulls and the person has been told to let go."""
     gone = []
@@ -153,7 +163,7 @@ def test_without_motion_capture_nobody_is_pulled_and_it_comes_down(tmp_path):
         await asyncio.sleep(3.0)
         stage.tasks.pop("tracker").cancel()
         gone.append(stage.operator.clock.now_ns() * 1e-9)
-        await asyncio.sleep(14.0)
+        await asyncio.sleep(18.0)
 
     flight = px4_chain.fly(quicker(px4_chain.px4_config(tmp_path)), script)
     (t,) = gone
@@ -166,6 +176,7 @@ def test_without_motion_capture_nobody_is_pulled_and_it_comes_down(tmp_path):
     permits = {m.permit for m in flight.said[SAFETY_STATE.key] if m.stamp_ns * 1e-9 > t + 1.5}
     assert Permit.GUIDE not in permits
     assert flight.said[TRUTH.key][-1].robot_position_m.z < 0.3
+    assert not flight.said[VEHICLE_STATE.key][-1].armed
 
 
 @pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason="one processor is not enough for real time")

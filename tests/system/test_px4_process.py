@@ -11,10 +11,12 @@ import threading
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from services.config import load
+from services.config import ConfigError, load
+from services.console.start import check_devices
 from services.simulator import px4_process
 from services.simulator.px4_process import Px4NotThere
 
@@ -69,16 +71,38 @@ def test_a_program_without_its_scripts_is_no_px4(tmp_path):
         connect(tmp_path, "/usr/bin/true")
 
 
+def test_program_and_port_are_looked_at_before_anything_starts(tmp_path):
+    sitl = CONFIG.simulator.px4_sitl
+    assert sitl is not None
+
+    def refused(**other: Any) -> str:
+        simulated = replace(CONFIG.simulator, px4_sitl=replace(sitl, **({"instance": free_instance()} | other)))
+        with pytest.raises(ConfigError) as why:
+            check_devices(CONFIG.model_copy(update={"simulator": simulated}), ["simulator"])
+        (line,) = str(why.value).splitlines()
+        return line
+
+    assert refused(binary="/usr/bin/true").startswith("/usr/bin/true: no PX4 for simulation: ")
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen(1)
+        taken = other.getsockname()[1]
+        assert "stop the demo or simulator that listens there" in refused(instance=taken - 4560)
+
+
 def test_a_service_that_ends_by_it_says_one_line(tmp_path):
-    """A user with the wrong program has no use for a traceback. The system's name is short, as a socket's path must be."""
+    """A user whose PX4 ends has no use for a traceback. The system's name is short, as a socket's path must be."""
     profile = tmp_path / "mine.toml"
     profile.write_text(f'base = "px4-sitl"\n[system]\nname = "p"\n[simulator.px4_sitl]\ninstance = {free_instance()}\n')
     command = [sys.executable, "-P", "-m", "services.console.cli", "run", "simulator", "--profile", str(profile)]
-    environment = os.environ | {"CLEW_RUN_DIR": str(tmp_path / "run"), "PX4_BIN": "/usr/bin/true"}
+    environment = os.environ | {
+        "CLEW_RUN_DIR": str(tmp_path / "run"),
+        "PX4_BIN": program(tmp_path, "raise SystemExit(3)"),
+    }
     ended = subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert ended.returncode == 1
     (line,) = ended.stderr.splitlines()
-    assert line.startswith("simulator failed: Px4NotThere: /usr/bin/true: no PX4 for simulation: ")
+    assert line == "simulator failed: Px4NotThere: PX4 ended with exit code 3"
 
 
 def test_a_px4_that_ends_at_once_is_quoted(tmp_path):
@@ -97,7 +121,9 @@ def test_a_px4_that_does_not_come_is_named_and_stopped(tmp_path):
 
 
 def test_without_a_program_one_is_waited_for_and_asked_for(tmp_path):
-    with pytest.raises(Px4NotThere, match=r"no PX4 has \(give its program by --px4 or PX4_BIN, or start one\)"):
+    with pytest.raises(
+        Px4NotThere, match=r"no PX4 has connected to .*: give its program by --px4 or PX4_BIN, or start one"
+    ):
         connect(tmp_path, "", appears_s=0.3)
 
 
@@ -135,7 +161,7 @@ def test_a_taken_port_is_named(tmp_path):
                 pass
 
         with pytest.raises(
-            Px4NotThere, match=rf"port {sitl.port}, where PX4 looks for its simulator: Address already in use"
+            Px4NotThere, match=rf"port {sitl.port}, where PX4 looks for its simulator: address already in use: stop"
         ):
             asyncio.run(main())
 
