@@ -123,8 +123,8 @@ def conversation(hosts: TwoHosts, seconds: float, *, bulk: bool) -> tuple[list[d
 
 
 def _ages(taken: list[dict[str, Any]], refused: int, delay_ms: float) -> Row:
-    """Both hosts have this machine's clock, so the age is the true one, free of what the comparison of clocks is off."""
-    ages = sorted(entry["t_s"] * 1e3 - entry["said"]["stamp_ns"] * 1e-6 for entry in taken)
+    """Both hosts have this machine's clock, and `said_ns` is not moved to another: the true age, whatever is known of clocks."""
+    ages = sorted(entry["t_s"] * 1e3 - entry["said"]["said_ns"] * 1e-6 for entry in taken)
     seqs = [entry["seq"] for entry in taken]
     p50, p99 = ages[len(ages) // 2], ages[int(0.99 * len(ages))]
     said = seqs[-1] - seqs[0] + 1

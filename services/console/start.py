@@ -62,9 +62,9 @@ def bus_config(config: Config) -> BusConfig:
 def check_radio(config: Config) -> None:
     """Certificates and addresses of this host, before anything starts. Raises ConfigError."""
     if config.hosts and config.system.host in GATEWAYS:
-        from services.gateway.start import check
+        from services.gateway.start import gateway_bus
 
-        check(config, bus_config(config))
+        gateway_bus(config, bus_config(config))
 
 
 def check_alone(config: Config) -> None:

@@ -17,9 +17,12 @@ from services.gateway.radio import Radio
 from services.runtime.bus import MAX_PAYLOAD_bytes
 from services.runtime.zenoh_bus import LEASE_ms
 
-_DATAGRAMS = "quic/{address}:{port}?mixed_rel=1;prio={priorities}#initial_mtu=1400"
-_STREAM = "tls/{address}:{port}?prio={priorities}#so_sndbuf=4096;so_rcvbuf=8192"
-_LINKS = ((_DATAGRAMS, "1-1"), (_DATAGRAMS, "2-2"), (_DATAGRAMS, "3-5"), (_STREAM, "6-7"))
+_LINKS = (
+    ("quic", "mixed_rel=1;prio=1-1"),
+    ("quic", "mixed_rel=1;prio=2-2"),
+    ("quic", "mixed_rel=1;prio=3-5"),
+    ("tls", "prio=6-7"),
+)
 """Priorities as the bus gives them to the stances (runtime/zenoh_bus.py)."""
 _LEASE_of_connect = 3 / 8
 """A link is dead after three round trips of silence, where connecting takes eight: the first sign of life comes after one
@@ -30,12 +33,19 @@ MESSAGE_MAX_bytes = 262_144
 """Larger than any message of the table; a link that brings a larger one is closed."""
 
 
-def endpoints(radio: Radio, address: str) -> tuple[str, ...]:
-    """One for each priority range."""
+def endpoints(radio: Radio) -> tuple[str, ...]:
+    """Where the ground is reached, one for each priority range.
+
+    Without options of their own: Zenoh makes a lost link anew only where the link's end is its endpoint to the letter.
+    """
     return tuple(
-        link.format(address=address, port=port, priorities=priorities)
-        for port, (link, priorities) in zip(radio.ports, _LINKS, strict=True)
+        f"{protocol}/{radio.address}:{port}?{how}" for port, (protocol, how) in zip(radio.ports, _LINKS, strict=True)
     )
+
+
+def listening(radio: Radio) -> tuple[str, ...]:
+    """The same for the ground itself."""
+    return tuple(each + "#initial_mtu=1400" * each.startswith("quic") for each in endpoints(radio))
 
 
 def gateway(host: str, radio: Radio, services: Services, files: Credentials, prefix: str) -> dict[str, Any]:
@@ -66,6 +76,8 @@ def _tls(radio: Radio, files: Credentials) -> dict[str, Any]:
         "transport/unicast/max_links": len(_LINKS),
         "transport/unicast/compression/enabled": True,
         "transport/link/rx/max_message_size": MESSAGE_MAX_bytes,
+        "transport/link/tls/so_sndbuf": 4096,
+        "transport/link/tls/so_rcvbuf": 8192,
         "transport/link/tls/enable_mtls": True,
         "transport/link/tls/root_ca_certificate": str(files.ca),
         "transport/link/tls/connect_certificate": str(files.certificate),

@@ -24,12 +24,12 @@ def gateway_bus(config: Config, bus: BusConfig) -> BusConfig:
     if host == "ground":
         _require_own(radio.address, resolved)
         files = _files(radio, _only_name(radio, host), host, radio.address)
-        own = {"listen": session.endpoints(radio, radio.address)}
+        own = {"listen": session.listening(radio)}
     else:
         if _is_own(resolved):
             raise ConfigError(f"radio.address = {radio.address}: is this machine's own, but system.host = {host}")
         files = _files(radio, _only_name(radio, host), host)
-        own = {"endpoints": session.endpoints(radio, radio.address)}
+        own = {"endpoints": session.endpoints(radio)}
     settings = session.gateway(host, radio, services, files, bus.prefix)
     return replace(bus, settings=settings, log=Refusals(bus.prefix), **own)
 
@@ -42,13 +42,7 @@ def console_bus(config: Config, bus: BusConfig) -> BusConfig:
         raise ConfigError(f"radio.console = {radio.console!r}: must be an operator or a viewer of radio.names")
     _resolve(radio.address)
     files = _files(radio, radio.console, role)
-    return replace(bus, settings=session.console(radio, files), endpoints=session.endpoints(radio, radio.address))
-
-
-def check(config: Config, bus: BusConfig) -> None:
-    """Whether this host's gateway could start; does nothing for a system on one host. Raises as `gateway_bus`."""
-    if config.hosts:
-        gateway_bus(config, bus)
+    return replace(bus, settings=session.console(radio, files), endpoints=session.endpoints(radio))
 
 
 def _radio(config: Config) -> Radio:

@@ -12,7 +12,7 @@ from services.recorder.origin import FORMAT
 from services.recorder.reading import Session
 from services.recorder.schema import json_schema
 from services.recorder.verdict import Count, Verdict
-from services.recorder.walk import NO_PHASE_2, guided
+from services.recorder.walk import NO_PHASE_2, elsewhere, guided
 
 
 @dataclass(frozen=True)
@@ -59,11 +59,12 @@ def _losses(verdict: Verdict, counted: Verdict) -> Iterator[str]:
 
 
 def _nameless(session: Session) -> Iterator[str]:
-    """Messages that were used by others, and are not there."""
-    known = [key for key in session.keys if key in BY_KEY]
+    """Messages that were used by others, and are not there; of what crossed the radio thinned only some can be."""
+    known, far = [key for key in session.keys if key in BY_KEY], elsewhere(session)
+    whole = [key for key in known if not (BY_KEY[key].radio_Hz and BY_KEY[key].publisher in far)]
     for key in known:
         table = session.table(key)
-        for source in known:
+        for source in whole:
             used = table.get(f"inputs.{source}", np.zeros(0, np.int64))
             absent = np.setdiff1d(used[used > 0], session.table(source)["seq"])
             if len(absent):

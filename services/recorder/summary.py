@@ -14,7 +14,7 @@ from services.recorder import metrics
 from services.recorder.alarms import alarms
 from services.recorder.latency import reactions
 from services.recorder.reading import Interval, Session
-from services.recorder.walk import NO_PHASE_2, Motion, at, config_of, guided, motion, path_of, valid, within
+from services.recorder.walk import NO_PHASE_2, Motion, at, config_of, elsewhere, guided, motion, path_of, valid, within
 
 STATIONS = np.linspace(0.0, 1.0, 401)
 """s at which the paper's path error is taken."""
@@ -192,11 +192,8 @@ def _bad_ends(session: Session) -> Iterator[str]:
 
 
 def _lost_on_radio(session: Session) -> int:
-    config = config_of(session)
-    here = config.get("system", {}).get("host")
-    elsewhere = {name for host, each in config.get("hosts", {}).items() if host != here for name in each["services"]}
-    counts = session.verdict.topics
-    return sum(counts[topic.key].missing for topic in TOPICS if topic.publisher in elsewhere and topic.key in counts)
+    counts, far = session.verdict.topics, elsewhere(session)
+    return sum(counts[topic.key].missing for topic in TOPICS if topic.publisher in far and topic.key in counts)
 
 
 def _path_error(p_H: Array, path: Path | None) -> PathError:

@@ -41,6 +41,13 @@ class Motion:
         return within(self.t_s, spans)
 
 
+def elsewhere(session: Session) -> set[str]:
+    """The services of the other host, where there are two."""
+    config = config_of(session)
+    here = config.get("system", {}).get("host")
+    return {name for host, each in config.get("hosts", {}).items() if host != here for name in each["services"]}
+
+
 def motion(session: Session) -> Motion:
     """What is known best of the motion in a recording; of length 0 where nothing is."""
     truth = session.table(TRUTH)

@@ -2,7 +2,7 @@
 
 `python bad_radio.py NS_A NS_B` puts a TUN device into each (10.78.0.1 and 10.78.0.2) and carries packets between them.
 Each line on its standard input is JSON that changes how: {"delay_ms": 20, "jitter_ms": 5, "loss": 0.05, "rate_Mbit_s": 5,
-"down": false}; a rate of 0 is no limit. It ends with its standard input.
+"down": false, "deaf_port": 7447}; a rate of 0 is no limit, a deaf port of 0 none. It ends with its standard input.
 """
 
 import ctypes
@@ -59,8 +59,8 @@ class Way:
         """Lose it, or let it arrive later, in order."""
         per_byte_s = 8e-6 / how["rate_Mbit_s"] if how["rate_Mbit_s"] else 0.0
         queued = (self._free_s - now_s) / per_byte_s if per_byte_s else 0.0
-        self._count(packet)
-        if how["down"] or random.random() < how["loss"] or queued > BUFFER_bytes:
+        port = self._count(packet)
+        if how["down"] or port == how["deaf_port"] or random.random() < how["loss"] or queued > BUFFER_bytes:
             return
         self._free_s = max(self._free_s, now_s) + len(packet) * per_byte_s
         delay_s = max(0.0, random.gauss(how["delay_ms"], how["jitter_ms"])) * 1e-3
@@ -68,13 +68,14 @@ class Way:
         self._n += 1
         heapq.heappush(self._under_way, (self._last_s, self._n, packet))
 
-    def _count(self, packet: bytes) -> None:
+    def _count(self, packet: bytes) -> int:
         """Of IPv4 over UDP or TCP; who knocks has the higher port."""
         start = 4 * (packet[0] & 0xF)
         ends = struct.unpack_from("!HH", packet, start) if len(packet) >= start + 4 else (0,)
         counted = self.carried.setdefault(str(min(ends)), [0, 0])
         counted[0] += 1
         counted[1] += len(packet)
+        return min(ends)
 
     def deliver(self, now_s: float) -> float:
         """What is due; returns when something is next."""
@@ -86,7 +87,14 @@ class Way:
 
 def carry(a: int, b: int) -> None:
     """Until standard input ends."""
-    how: dict[str, float] = {"delay_ms": 0.0, "jitter_ms": 0.0, "loss": 0.0, "rate_Mbit_s": 0.0, "down": False}
+    how: dict[str, float] = {
+        "delay_ms": 0.0,
+        "jitter_ms": 0.0,
+        "loss": 0.0,
+        "rate_Mbit_s": 0.0,
+        "down": False,
+        "deaf_port": 0,
+    }
     ways = {a: Way(b), b: Way(a)}
     while True:
         now_s = time.monotonic()

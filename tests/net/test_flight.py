@@ -8,11 +8,11 @@ from typing import Any
 
 import pytest
 
-from schemas.topics import GUIDANCE, SETPOINT, TRUTH
+from schemas.topics import GUIDANCE, SETPOINT, TOPICS, TRUTH
 from tests.net.conftest import AHEAD_s
 from tests.net.two_hosts import TwoHosts, lines, read_until, write_profile
 
-OUTAGE_s, WALKED_s, AFTER_s = 2.0, 8.0, 3.0
+OUTAGE_s, WALKED_s, AFTER_s, WEIGHED_s = 2.0, 8.0, 3.0, 2.0
 GROUND, DRONE = (
     ("simulator", "tracker", "guiding_controller"),
     ("px4_bridge", "force_estimator", "safety_supervisor"),
@@ -50,7 +50,7 @@ def walking(hosts: TwoHosts, profiles: dict[str, str]) -> None:
 
 
 def listener(hosts: TwoHosts, profiles: dict[str, str], host: str, *keys: str) -> subprocess.Popen[str]:
-    seconds = OUTAGE_s + AFTER_s + 2.0
+    seconds = 2.0 * WEIGHED_s + OUTAGE_s + AFTER_s + 2.0
     ear = hosts.end(host, "ear", profiles[host], "watcher", str(seconds), *keys)
     read_until(ear, "listening")
     return ear
@@ -62,16 +62,25 @@ def said(hosts: TwoHosts, ear: subprocess.Popen[str], key: str) -> list[dict[str
     return [entry["said"] for entry in lines(out) if entry.get("key") == key]
 
 
+def used_Mbit_s(hosts: TwoHosts, way: str) -> float:
+    """Of the radio, while nothing happens to it."""
+    before = hosts.shape()[way]
+    time.sleep(WEIGHED_s)
+    after = hosts.shape()[way]
+    return sum(size - before.get(port, [0, 0])[1] for port, (_, size) in after.items()) * 8e-6 / WEIGHED_s
+
+
 def norm(vector: dict[str, float]) -> float:
     return math.hypot(*vector.values())
 
 
-def test_an_outage_in_the_walk_takes_the_pull_away_and_stops_nothing_onboard(
+def test_an_outage_in_the_walk_takes_the_pull_away_and_stops_nothing_onboard_and_the_radio_has_room(
     hosts: TwoHosts, profiles: dict[str, str], walking: None
 ):
     near = listener(hosts, profiles, "drone", f"+{SETPOINT.key}")
-    far = listener(hosts, profiles, "ground", f"+{TRUTH.key}")
-    time.sleep(1.0)
+    others = [topic.key for topic in TOPICS if topic.logged and topic is not TRUTH]  # as a recorder hears them
+    far = listener(hosts, profiles, "ground", f"+{TRUTH.key}", *others)
+    used = {way: used_Mbit_s(hosts, way) for way in ("up", "down")}
     hosts.shape(down=True)
     cut_s = time.monotonic()
     time.sleep(OUTAGE_s)
@@ -89,6 +98,8 @@ def test_an_outage_in_the_walk_takes_the_pull_away_and_stops_nothing_onboard(
         f"guidance {flows_s:.2f} s after the radio; onboard gap {gap_s * 1e3:.0f} ms; "
         f"force {before:.2f} N before, {during:.2f} N at most in the outage, {late:.2f} N in its second half"
     )
+    print(f"radio: {used['up']:.2f} Mbit/s up, {used['down']:.2f} down")
+    assert max(used.values()) < 1.0
     assert gap_s < 0.1 * OUTAGE_s
     assert flows_s < 0.5 * OUTAGE_s
     assert during < 1.02 * before

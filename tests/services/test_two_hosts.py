@@ -6,8 +6,9 @@ import json
 import pytest
 
 from schemas.safety import Action, Phase
-from schemas.topics import GUIDANCE, RADIO_CLOCK, SAFETY_STATE
+from schemas.topics import GUIDANCE, RADIO_CLOCK, SAFETY_STATE, TOPICS
 from services.console import rerun as commands
+from services.recorder.inspection import inspect
 from services.recorder.reading import Session
 from services.recorder.rerun import CannotRerun, rerun
 from services.rehearsal.chain import Stage
@@ -76,6 +77,12 @@ def test_what_crossed_the_radio_thinned_is_not_run_again_and_told(flown, capsys)
     told = capsys.readouterr().out
     assert all(f"{service}: not run, " in told for service in DRONES)
     assert commands.command(files["ground"], ["px4_bridge"], [], None) == 2
+
+
+def test_what_the_radio_thinned_is_not_missed(flown):
+    lacking = inspect(Session(flown[1]["ground"])).lacking
+    missed = [t.key for t in TOPICS if any(f"of {t.key} that are not there" in line for line in lacking)]
+    assert missed == [RADIO_CLOCK.key], "what the outage took is"
 
 
 def test_both_recordings_have_both_hosts_on_one_time(flown):
