@@ -26,7 +26,7 @@ from services.simulator.px4_hil import Px4Hil
 
 Array = NDArray[np.float64]
 
-PATIENCE_S = 0.003
+PATIENCE_S = 0.02
 _COMPANION = (1, 191)
 _IMU, _ACK = "HIGHRES_IMU", "COMMAND_ACK"
 
