@@ -1,21 +1,18 @@
-"""The bridge on the stand-in autopilot, without a wire: what leaves it, when, and what ends it. Then rates, one and all."""
+"""The bridge on the stand-in autopilot, without a wire: what leaves it, when, and what ends it."""
 
 import asyncio
 
 import numpy as np
 import pytest
 
-from schemas.safety import Action, Permit, Phase
+from schemas.safety import Permit, Phase
 from schemas.topics import (
     CABLE_FORCE,
     ENERGY,
-    GATEWAYS,
     MOCAP_FRAME,
     ROBOT_POSE,
     SAFETY_STATE,
     SETPOINT,
-    TOPICS,
-    TRUTH,
     VEHICLE_STATE,
 )
 from schemas.vehicle import FlightMode, SetpointKind
@@ -25,7 +22,6 @@ from services.physics import norm
 from services.px4_bridge import flight
 from services.px4_bridge import service as px4_bridge
 from services.px4_bridge.vehicle_protocol import VehicleError
-from services.rehearsal.chain import Stage
 from services.rehearsal.direct_vehicle import DirectVehicle
 from services.runtime.virtual import VirtualClock
 from services.simulator import service as simulator
@@ -34,13 +30,12 @@ from tests.services.alone import (
     Feed,
     alone,
     force,
-    lasting,
     pose,
     rate_Hz,
     since,
     verdict,
 )
-from tests.services.chain import check_balance, fly
+from tests.services.chain import check_balance
 
 CONFIG = load("demo")
 HAND = CONFIG.guided_path.p(0.2)
@@ -277,42 +272,3 @@ def test_a_vehicle_of_another_kind_is_refused_before_it_is_armed():
 
     alone(fly_it, {SAFETY_STATE: take_off}, lambda _: asyncio.sleep(3.0))
     assert refused == [False]
-
-
-# simulator
-
-
-def test_the_simulator_shows_frames_and_truth_at_their_rates():
-    async def play(stage: Alone) -> None:
-        node = stage.node("simulator")
-        await simulator.play(node, CONFIG, DirectVehicle(CONFIG.px4_bridge.vehicle, stage.clock.now_ns))
-
-    said = alone(play, {SAFETY_STATE: lambda _: verdict(Phase.IDLE, Permit.NONE)}, lasting(1.5))
-    frames, truths = said[MOCAP_FRAME.key], said[TRUTH.key]
-    assert rate_Hz(frames) == pytest.approx(CONFIG.simulator.mocap_rate_Hz, rel=0.02)
-    assert CONFIG.simulator.mocap_rate_Hz == MOCAP_FRAME.rate_Hz
-    assert rate_Hz(truths) == pytest.approx(TRUTH.rate_Hz, rel=0.02)
-    start = CONFIG.guided_path.p(0.0)
-    assert truths[-1].robot_position_m.array()[:2] == pytest.approx(start[:2], abs=1e-3)
-    assert not truths[-1].holding
-    seen = frames[-1].robot.position_m.array()
-    assert seen == pytest.approx(truths[-1].robot_position_m.array(), abs=0.003)
-
-
-# all together
-
-
-def test_every_topic_is_said_by_its_publisher_at_the_rate_of_the_table():
-    """The recorder does not fly; what is on demand has no rate."""
-
-    async def script(stage: Stage) -> None:
-        await asyncio.sleep(0.5)
-        stage.ask(Action.START)
-        await asyncio.sleep(1.7)
-
-    said = fly(CONFIG, script).said
-    for topic in TOPICS:
-        if topic.rate_Hz and topic.publisher not in ("recorder", *GATEWAYS.values()):
-            flying = [m for m in said[topic.key] if m.stamp_ns > 1.6e9]
-            assert len(flying) >= 2, f"{topic.key} is not said"
-            assert rate_Hz(flying) == pytest.approx(topic.rate_Hz, rel=0.1), topic.key
