@@ -13,6 +13,7 @@ import numpy as np
 
 from schemas.safety import Level, Phase
 from services.parameters import Positive, parameters
+from services.safety_supervisor import lag
 
 FLYING = frozenset(Phase) - {Phase.IDLE, Phase.LANDED, Phase.KILLED}
 ALOFT = FLYING - {Phase.LANDING}
@@ -85,6 +86,8 @@ class Facts(NamedTuple):
     clock_uncertainty_s: float = 0.0
     """Infinite before the first comparison; 0 on one host."""
     time_of_day_apart_s: float = 0.0
+    loop_lag_s: float = 0.0
+    """From the force that is felt to the set-point that follows it, on average."""
 
 
 @dataclass(frozen=True)
@@ -132,6 +135,7 @@ RULES: tuple[Rule, ...] = (
     Rule("battery_empty",     lambda f, p: f.battery_fraction < p.battery_land_fraction, FLYING, 2.0, Level.LAND, "the battery is empty",                 "change it"),
     Rule("clocks_unknown",    lambda f, p: f.clock_uncertainty_s > p.clock_uncertainty_max_s, PREPARED, 0.0, Level.EASE, "the clocks of the two hosts are not compared", "look at clew link"),
     Rule("time_of_day",       lambda f, p: f.time_of_day_apart_s > p.time_of_day_apart_max_s, PREPARED, 0.0, Level.EASE, "the two hosts differ in the time of day", "set up chrony (docs/operate.md)"),
+    Rule("loop_late",         lambda f, p: f.loop_lag_s > lag.LATE_S,               ENGAGED, 0.0, Level.EASE,  "the force is flown too late",              "stop what else runs on the drone's host"),
     Rule("host_stall",        lambda f, p: f.stall_s > p.stall_s,                   ENGAGED, 0.0, Level.EASE,  "this host took the processor away",        "stop what else runs on it"),
 )
 # fmt: on

@@ -55,7 +55,7 @@ FINE = Facts(
     stall_s=0.0,
 )
 WORST = Facts(
-    9.0, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0, False, True, 9.0, 0.0, 0.0, 1.0, 1.0, 9.0, 9.0, 0.0, 0.0, 9.0, 9.0, 9.0
+    9.0, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0, False, True, 9.0, 0.0, 0.0, 1.0, 1.0, 9.0, 9.0, 0.0, 0.0, 9.0, 9.0, 9.0, 9.0
 )
 DT = 0.05
 NAMES = {rule.name: rule for rule in RULES}
@@ -90,6 +90,7 @@ CASES: dict[str, tuple[str, object, object, set[str]]] = {
     "tank_empty": ("tank_scale", 1.0, 0.99, set()),
     "battery_low": ("battery_fraction", 0.31, 0.29, set()),
     "battery_empty": ("battery_fraction", 0.16, 0.14, {"battery_low"}),
+    "loop_late": ("loop_lag_s", 0.039, 0.041, set()),
     "host_stall": ("stall_s", 0.09, 0.11, set()),
 }
 each_rule = pytest.mark.parametrize("name", NAMES)
@@ -243,6 +244,7 @@ FACTS = st.builds(
     tank_scale=st.floats(0.0, 1.0),
     battery_fraction=st.floats(0.0, 1.0),
     stall_s=st.floats(0.0, 0.3),
+    loop_lag_s=st.floats(0.0, 0.1),
 )
 SMALL_IS_BAD = {"head_clearance_m", "hand_clearance_m", "battery_fraction", "offboard", "tank_scale"}
 
