@@ -14,6 +14,7 @@ import pytest
 from schemas.topics import CABLE_FORCE, GUIDANCE, HANDLE_STATE, RADIO_CLOCK
 from tests.net.conftest import AHEAD_s, linked
 from tests.net.two_hosts import TwoHosts, lines, read_until
+from tests.net.visits import told
 
 DELAY_s, GUIDANCE_PORT = 0.020, 7447
 BAD = {"delay_ms": 1e3 * DELAY_s, "jitter_ms": 5.0, "loss": 0.05, "rate_Mbit_s": 5.0}
@@ -124,15 +125,17 @@ def test_an_outage_stops_nothing_onboard_and_leaves_nothing_stale(hosts: TwoHost
     assert max(local) < 0.25 * max(gaps(times))  # how soon it is back, on an idle machine: make bench-net
 
 
-def test_a_link_that_is_lost_alone_is_made_anew(hosts: TwoHosts):
+def test_a_link_that_is_lost_alone_is_told_and_made_anew(hosts: TwoHosts):
     """One of the four, while the others hold the radio up."""
     hosts.shape(**BAD | {"loss": 0.0})
     assert flows(hosts, GUIDANCE_PORT)
     hosts.shape(deaf_port=GUIDANCE_PORT)
     time.sleep(1.5)
+    assert "drone:drone by 3 of 4 links only" in told(hosts)
     hosts.shape(deaf_port=0)
     assert any(flows(hosts, GUIDANCE_PORT) for _ in range(10))
     assert flows(hosts, GUIDANCE_PORT), "and stays"
+    assert "only" not in told(hosts)
 
 
 @pytest.mark.parametrize("host", ["drone", "ground"])
