@@ -24,7 +24,7 @@ from services.console.start import check_devices, check_radio, services_of
 from services.profile_file import ConfigError
 from services.px4_bridge.preflight import Estimate, Found, Identity, Reason, Thrust, Wanted, differing, reasons
 from services.px4_bridge.vehicle import MavsdkVehicle
-from services.px4_bridge.vehicle_protocol import Vehicle, VehicleError
+from services.px4_bridge.vehicle_protocol import LINK_CURE, Vehicle, VehicleError
 from services.runtime.clock import MonotonicClock
 from services.runtime.node import Node
 from services.tracker.sources import open_source
@@ -76,7 +76,7 @@ async def _look_at_vehicle(config: Config, node: Node, fix: bool) -> list[Reason
     try:
         return await _connected(config, node, fix)
     except VehicleError as error:
-        return [Reason(str(error), "check power, cable, port and baud rate of px4_bridge.link.url")]
+        return [Reason(str(error).removesuffix(f": {LINK_CURE}"), LINK_CURE)]
 
 
 async def _connected(config: Config, node: Node, fix: bool) -> list[Reason]:

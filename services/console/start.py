@@ -44,6 +44,7 @@ class Choice:
             check_radio(config)
             check_alone(config)
             check_devices(config, config.system.services)
+            check_px4(config)
         folder = str(new_session(self.out).resolve())
         return config.model_copy(update={"subject": self.subject, "condition": self.condition, "session_dir": folder})
 
@@ -74,18 +75,23 @@ def check_alone(config: Config) -> None:
 
 
 def check_devices(config: Config, services: Sequence[str]) -> None:
-    """Of those services: vehicle's link, capture system's client, PX4 in software, before anything starts. Raises ConfigError."""
+    """Of those services: the vehicle's link and the capture system's client, before anything starts. Raises ConfigError."""
     if "px4_bridge" in services:
         vehicle_link.check(config.px4_bridge.link.url)
     if "tracker" in services and config.tracker.source != SIMULATED and config.tracker.mocap:
         capture.check(config.tracker.source, config.tracker.mocap)
-    if "simulator" in services and config.simulator.px4_sitl is not None:
-        from services.simulator import px4_process  # with it, the autopilot's messages
 
-        try:
-            px4_process.check(config.simulator.px4_sitl)
-        except px4_process.Px4NotThere as error:
-            raise ConfigError(str(error)) from None
+
+def check_px4(config: Config) -> None:
+    """PX4 in software, where it is to be started: its program and its port. Raises ConfigError."""
+    if "simulator" not in config.system.services or config.simulator.px4_sitl is None:
+        return
+    from services.simulator import px4_process  # with it, the autopilot's messages
+
+    try:
+        px4_process.check(config.simulator.px4_sitl)
+    except px4_process.Px4NotThere as error:
+        raise ConfigError(str(error)) from None
 
 
 def services_of(config: Config) -> tuple[str, ...]:

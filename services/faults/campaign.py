@@ -13,9 +13,9 @@ import sys
 import tempfile
 import time
 import traceback
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Awaitable, Callable, Generator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from schemas.safety import Action, Phase
@@ -92,10 +92,10 @@ def campaign(faults: Sequence[Fault], jobs: int = 2, look: Look | None = None) -
     with tempfile.TemporaryDirectory() as folder, unremarked():
         copies = Copies(jobs, Path(folder), look)
         if together := [fault for fault in faults if not fault.alone]:
-            fly(quick_config(), lambda stage: _branch(stage, together, copies))
+            fly(quick_config(), lambda stage: _reach(stage, together, lambda due: _in_copies(stage, due, copies)))
         for fault in (fault for fault in faults if fault.alone):
             if copies.make():
-                copies.end(fault, lambda fault=fault: _alone(fault))
+                copies.end(fault, lambda fault=fault: alone(fault))
         while copies.under_way:
             copies.wait()
         return [_result(copies.folder, fault) for fault in faults]
@@ -111,9 +111,8 @@ def _result(folder: Path, fault: Fault) -> Result:
     return result
 
 
-async def _branch(stage: Stage, faults: Sequence[Fault], copies: Copies) -> None:
-    """Fly the experiment; at each moment let every fault of it begin in a copy."""
-    loop = asyncio.get_running_loop()
+async def _reach(stage: Stage, faults: Sequence[Fault], begin: Callable[[list[Fault]], Awaitable[None]]) -> None:
+    """Fly the experiment; at each moment let all faults of it begin."""
     waiting: dict[Moment, list[Fault]] = {}
     for fault in faults:
         waiting.setdefault(fault.moment, []).append(fault)
@@ -122,46 +121,47 @@ async def _branch(stage: Stage, faults: Sequence[Fault], copies: Copies) -> None
         async for state in stage.operator.stream(SAFETY_STATE):
             entered.setdefault(state.phase, stage.now_s)
             for moment in [m for m in waiting if stage.now_s >= entered.get(m.phase, NEVER) + m.after_s - 1e-9]:
-                await _at_once(stage, waiting.pop(moment), copies, loop)
+                await begin(waiting.pop(moment))
             if not waiting:
                 return
             if state.phase is Phase.IDLE and stage.now_s >= entered[Phase.IDLE] + IDLE_S:
                 stage.ask(Action.START)
 
 
-async def _at_once(stage: Stage, faults: Sequence[Fault], copies: Copies, loop: asyncio.AbstractEventLoop) -> None:
+async def _in_copies(stage: Stage, faults: list[Fault], copies: Copies) -> None:
+    loop = asyncio.get_running_loop()
+    stage.flight.said.read(measure.TOPICS)  # once for all copies
     for fault in faults:
         if copies.make():
             asyncio._set_running_loop(loop)  # pyright: ignore[reportPrivateUsage]  (it asks for the process)
             try:
-                begin_s = stage.now_s
-                fault.act(stage)
-                await asyncio.sleep(fault.watch_s)
+                begin_s = await _broken(fault, stage)
             except BaseException:
                 (copies.folder / f"{fault.name}.error").write_text(traceback.format_exc())
                 os._exit(1)
             copies.end(fault, lambda begun=begin_s: (stage.flight, begun))
 
 
-def _alone(fault: Fault) -> tuple[Flight, float]:
-    """A flight of its own: the person's deed begins the fault, or the moment where there is none."""
-    config = quick_config()
-    person = replace(config.person, behaviour=fault.deeds)
-    config = config.model_copy(update={"person": person})
-    begun: list[float] = []
+async def _broken(fault: Fault, stage: Stage) -> float:
+    """From its moment on: the fault, and what follows. Returns when it began: with the person's deed, or at the moment."""
+    if fault.deeds:
+        stage.behave(fault.deeds)
+        await asyncio.sleep(max(await _taken_s(stage) + fault.deeds[0].start_s - stage.now_s, 0.0))
+    begin_s = stage.now_s
+    fault.act(stage)
+    await asyncio.sleep(fault.watch_s)
+    return begin_s
+
+
+def alone(fault: Fault) -> tuple[Flight, float]:
+    """A flight of its own from the start, and when the fault began in it."""
+    config, begun = quick_config(), list[float]()
 
     async def script(stage: Stage) -> None:
-        await asyncio.sleep(0.5)
-        stage.ask(Action.START)
-        await stage.until(lambda state: state.phase is fault.moment.phase, FLIGHT_LIMIT_S)
-        await asyncio.sleep(fault.moment.after_s)
-        if fault.deeds:
-            begun.append(await _taken_s(stage) + fault.deeds[0].start_s)
-            await asyncio.sleep(max(begun[0] - stage.now_s, 0.0))
-        else:
-            begun.append(stage.now_s)
-        fault.act(stage)
-        await asyncio.sleep(fault.watch_s)
+        async def here(_: list[Fault]) -> None:
+            begun.append(await _broken(fault, stage))
+
+        await _reach(stage, [fault], here)
 
     configs = {"simulator": fault.world(config)} if fault.world else None
     return fly(config, script, configs=configs), begun[0]

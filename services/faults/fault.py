@@ -50,7 +50,7 @@ GUIDING = Moment(Phase.GUIDING, 3.0)
 
 @dataclass(frozen=True)
 class Fault:
-    """One row of the campaign. `act` is done at the moment; a person's deeds and a wrong world are there from the start."""
+    """A row of the campaign. `act` is done at the moment, or with a person's first deed; a wrong world is so from the start."""
 
     name: str
     group: Group
@@ -62,6 +62,8 @@ class Fault:
     watch_s: float = 5.0
     deeds: tuple[Event, ...] = ()
     world: Callable[[Config], Config] | None = None
+    pull_max_N: float = float("inf")
+    """On the hand, where nobody pulls but the system; what a person adds is not promised."""
     exempt: dict[str, str] = field(default_factory=dict[str, str])
     """Limits that no software can keep here, each with the reason; measured and shown all the same."""
 
@@ -76,4 +78,4 @@ class Fault:
     @property
     def alone(self) -> bool:
         """Whether it needs a flight of its own from the start."""
-        return bool(self.deeds) or self.world is not None
+        return self.world is not None

@@ -19,6 +19,8 @@ from services.simulator.commander import Mode
 
 Array = NDArray[np.float64]
 
+TOPICS = tuple(topic.key for topic in (ENERGY, REQUEST, SAFETY_STATE, SETPOINT, TRUTH))
+"""What is measured by."""
 SLACK = (SetpointKind.EASE, SetpointKind.HOLD)
 FORCE_N = 2.5
 CALM_N, CALM_S = 0.3, 0.5
@@ -245,6 +247,8 @@ def _broken(fault: Fault, r: Record, n: dict[str, Any], reached: Level) -> Itera
     allowed = max(n["commanded_before_N"], FORCE_N)
     if n["commanded_N"] > allowed + 1e-3:
         yield "commanded", f"commanded {n['commanded_N']:.2f} N, allowed {allowed:.2f} N"
+    if n["pull_N"] > fault.pull_max_N:
+        yield "pull", f"{n['pull_N']:.2f} N on the hand, promised {fault.pull_max_N:g} N"
     if n["pull_after_ease_N"] > CALM_N:
         yield "calm", f"{n['pull_after_ease_N']:.2f} N on the hand later than {CALM_S:g} s after backing off"
     for part in ("hand", "head"):

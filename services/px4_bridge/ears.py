@@ -10,7 +10,7 @@ import numpy as np
 
 from schemas.safety import Action, Permit, Phase
 from schemas.topics import CABLE_FORCE, GUIDANCE, HANDLE_STATE, REQUEST, SAFETY_STATE
-from schemas.tracking import HandleSource
+from schemas.tracking import HIDDEN, HandleSource
 from schemas.vehicle import VehicleState
 from services.config import Config
 from services.physics import norm
@@ -21,6 +21,7 @@ from services.px4_bridge.trust import credible_force, credible_guidance
 from services.runtime.node import Node, Tick, used
 
 HAND_MEMORY_S = 1.0  # long enough to back off by
+SHORT_M = 0.05  # what motion capture and the autopilot differ by about it is less
 
 
 @dataclass
@@ -50,6 +51,8 @@ class Ears:
         self._last_was_good = False
         self._seen: Hand | None = None
         self._seen_ns = 0
+        self._doubted = False
+        """Whether the tracker contradicts what motion capture shows."""
 
     def forget(self) -> None:
         """All but the last message of each topic."""
@@ -126,10 +129,22 @@ class Ears:
         if handle is not None and handle.source is HandleSource.MOCAP:
             p_H = handle.position_m.array()
             inside = norm(p_H - robot.position_m.array()) < self._config.safety_supervisor.envelope.rotor_tip_m
-            if not inside:  # else what is seen there is the vehicle itself
+            out_of_reach = p_H[2] > self._config.px4_bridge.flight.ceiling_m
+            if not (
+                inside or out_of_reach
+            ):  # else it is the vehicle itself, or hangs below it on a cable that is caught
                 self._seen, self._seen_ns = Hand(p_H, np.zeros(3)), now_ns
                 return Hand(p_H, handle.velocity_mps.array())
+        told, before = self._handle.message, self._doubted
+        self._doubted = told is not None and not told.valid and not told.invalid_reason.startswith(HIDDEN)
+        if self._doubted and not before and self._misled(robot):
+            self._seen = None
         return self._seen if now_ns - self._seen_ns < HAND_MEMORY_S * 1e9 else None
+
+    def _misled(self, robot: VehicleState) -> bool:
+        """Whether the hand was last seen nearer than a taut cable lets anything be."""
+        shortest_m = self._config.cable.rest_length_m - SHORT_M
+        return self._seen is not None and bool(norm(self._seen.p - robot.position_m.array()) < shortest_m)
 
     def _now_ns(self) -> int:
         return self._node.turn.now_ns()

@@ -35,6 +35,7 @@ from services.px4_bridge.tank import Tank
 
 SLACK = (SetpointKind.EASE, SetpointKind.HOLD)  # how the system backs off
 SLACK_N = 1.5  # a cable that pulls harder is taut, whatever the estimate errs by while the vehicle accelerates
+MEAN_S = 0.2
 BELIEF_N = 2.5  # harder than it is ever asked to pull: the hand is not where it is seen, or the cable is caught
 
 
@@ -114,12 +115,16 @@ class Port(NamedTuple):
 
 
 class State(NamedTuple):
-    """The filter is the reference in every mode; `hold` is where height is kept while nobody holds the handle."""
+    """The filter is the reference in every mode; `hold` is where height is kept while nobody holds the handle.
+
+    `f_mean` is f̂_c over the last MEAN_S: what is decided once does not go by one sample.
+    """
 
     kind: SetpointKind
     filter: admittance.State
     p_sent: Array
     f_hat: Array
+    f_mean: Array
     feed_forward: float
     hold: Array
     u_A: Array
@@ -138,8 +143,8 @@ class Output(NamedTuple):
 
 def initial(p_R: Array, p: Params) -> State:
     """On the ground or in the air, at rest at `p_R` (3,) m."""
-    port = Port(tank.charged(p.tank), Balance(), _UNDAMPED)
-    return State(SetpointKind.NONE, admittance.engage(p_R), p_R, np.zeros(3), 0.0, p_R, np.zeros(3), port)
+    port, zero = Port(tank.charged(p.tank), Balance(), _UNDAMPED), np.zeros(3)
+    return State(SetpointKind.NONE, admittance.engage(p_R), p_R, zero, zero, 0.0, p_R, zero, port)
 
 
 def step(state: State, x: Input, dt: float, p: Params) -> tuple[State, Output]:
@@ -147,17 +152,23 @@ def step(state: State, x: Input, dt: float, p: Params) -> tuple[State, Output]:
     kind = _kind(x)
     if kind is not state.kind:
         state = _change(state, kind, p)
-    complies = x.force_fresh and (
-        kind is SetpointKind.ADMITTANCE or (kind is SetpointKind.EASE and not _sees(state, x))
-    )
+    eased = kind is SetpointKind.EASE and not _sees(state, x)
+    complies = x.force_fresh and (kind is SetpointKind.ADMITTANCE or eased)
     if kind in SLACK:
         state = state._replace(hold=_slackened(state.hold, x, p))
     state = _filter(state, x, p) if complies else _without_filter(state, x, dt, p)
-    state = state._replace(feed_forward=_fed_forward(state, complies, dt, p.flight))
+    state = state._replace(f_mean=_mean(state, x), feed_forward=_fed_forward(state, complies, dt, p.flight))
     reference = setpoints.ahead(state.filter, state.port.damping, p.admittance.M_A_kg, p.flight.lead_s)
     sent = setpoints.setpoint(reference, state.f_hat, p.flight.m_R_kg, state.feed_forward, state.p_sent, p.limits)
     state = state._replace(p_sent=sent.p)
     return state, Output(kind, sent, state.filter.a, state.u_A, state.feed_forward)
+
+
+def _mean(state: State, x: Input) -> Array:
+    f_mean = state.f_mean
+    for force in x.forces:
+        f_mean = f_mean + min(force.dt_s / MEAN_S, 1.0) * (force.f_c - f_mean)
+    return f_mean
 
 
 def _fed_forward(state: State, complies: bool, dt: float, p: Flight) -> float:
@@ -189,10 +200,10 @@ def _change(state: State, kind: SetpointKind, p: Params) -> State:
 
 
 def _slackening(state: State, p: Params) -> Array:
-    """From here towards the hand, along a taut cable, far enough for it to hang slack, (3,) m."""
-    pull = float(norm(state.f_hat))
-    taut = pull > 2.0 * p.flight.handle_weight_N + 0.1  # else it hangs, or a hand holds it up
-    return p.flight.ease_slack_m * state.f_hat / pull if taut else np.zeros(3)
+    """From here towards the hand along a taut cable, which does not just hang, until it is slack, (3,) m."""
+    pull = float(norm(state.f_mean))
+    taut = pull > 2.0 * p.flight.handle_weight_N + 0.1
+    return p.flight.ease_slack_m * state.f_mean / pull if taut else np.zeros(3)
 
 
 def _slackened(hold: Array, x: Input, p: Params) -> Array:
@@ -203,7 +214,7 @@ def _slackened(hold: Array, x: Input, p: Params) -> Array:
 
 
 def _may_be_near(state: State, x: Input) -> bool:
-    """Near the hand the cable hangs slack: where it pulls, the capture system sees the hand where it is not."""
+    """Near the hand the cable hangs slack: where it pulls, the hand is seen where it is not."""
     return not x.force_fresh or float(norm(state.f_hat)) < SLACK_N
 
 
@@ -283,7 +294,8 @@ def _command(state: State, x: Input, p: Params) -> tuple[Command, Array]:
     if x.permit is Permit.WAIT:
         return admittance.wait(x.goal, p.flight.handle_weight_N, p.admittance), state.filter.p
     if state.kind is SetpointKind.EASE:
-        return admittance.ease(state.hold, p.admittance, anchored=x.hand is not None), state.hold
+        command = admittance.ease(state.hold, p.admittance, anchored=x.hand is not None)
+        return (command if x.held else command._replace(f_d=p.flight.handle_weight_N * Z)), state.hold  # it hangs
     if x.held and x.guidance is not None:
         return admittance.guide(x.guidance.p_R_d, x.guidance.f_d, x.guidance.scale, p.admittance), state.filter.p
     return admittance.hold_height(state.hold, p.flight.handle_weight_N, p.admittance), state.hold

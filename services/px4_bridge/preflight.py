@@ -111,7 +111,8 @@ def differing(found: Mapping[str, Number], wanted: Mapping[str, Number]) -> dict
 def reasons(found: Found, wanted: Wanted) -> list[Reason]:
     """Everything that stands against a flight, in the order in which to mend it; empty is good."""
     return [
-        *_identity(found.identity),
+        *kind(found.identity.autopilot, found.identity.vehicle_type),
+        *_version(found.identity.version),
         *_armed(found),
         *_parameters(found, wanted.parameters),
         *_sensors(found, wanted),
@@ -122,19 +123,22 @@ def reasons(found: Found, wanted: Wanted) -> list[Reason]:
     ]
 
 
-def _identity(who: Identity) -> list[Reason]:
+def kind(autopilot: int, vehicle_type: int) -> list[Reason]:
+    """What it must be, whatever its version: MAV_AUTOPILOT and MAV_TYPE."""
     listed: list[Reason] = []
-    if who.autopilot != PX4:
-        listed.append(Reason(f"the autopilot is no PX4 (MAV_AUTOPILOT = {who.autopilot})", "only PX4 is flown"))
-    if who.vehicle_type != QUADROTOR:
-        told = f"the vehicle is no quadrotor (MAV_TYPE = {who.vehicle_type}, must be {QUADROTOR})"
+    if autopilot != PX4:
+        listed.append(Reason(f"the autopilot is no PX4 (MAV_AUTOPILOT = {autopilot})", "only PX4 is flown"))
+    if vehicle_type != QUADROTOR:
+        told = f"the vehicle is no quadrotor (MAV_TYPE = {vehicle_type}, must be {QUADROTOR})"
         listed.append(Reason(told, "is px4_bridge.link.url the right vehicle's, and its airframe (SYS_AUTOSTART) set?"))
-    if who.version < OLDEST:
-        version = ".".join(map(str, who.version)) if any(who.version) else "not told"
-        listed.append(
-            Reason(f"PX4's version is {version}, at least {'.'.join(map(str, OLDEST))}", "install a newer one")
-        )
     return listed
+
+
+def _version(version: tuple[int, int, int]) -> list[Reason]:
+    if version >= OLDEST:
+        return []
+    told = ".".join(map(str, version)) if any(version) else "not told"
+    return [Reason(f"PX4's version is {told}, at least {'.'.join(map(str, OLDEST))}", "install a newer one")]
 
 
 def _armed(found: Found) -> list[Reason]:

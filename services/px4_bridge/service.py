@@ -12,7 +12,7 @@ from schemas.topics import ENERGY, PARAMETERS, ROBOT_POSE, SETPOINT, VEHICLE_IMU
 from schemas.vehicle import FlightMode, VehicleState
 from services.config import Config
 from services.physics import norm
-from services.px4_bridge import flight, orders, said
+from services.px4_bridge import flight, orders, preflight, said
 from services.px4_bridge.ears import Ears
 from services.px4_bridge.orders import Order
 from services.px4_bridge.vehicle import MavsdkVehicle
@@ -71,17 +71,24 @@ class Bridge:
     async def say_parameters(self) -> None:
         """Once, for the recording: how the vehicle was set. One that does not give them flies all the same.
 
-        Not of one that flies already: a thousand answers would be in the way of its set-points.
+        Not of one that flies already: a thousand answers would be in the way of its set-points. Raises VehicleError for one
+        that is no quadrotor with PX4, once it says so.
         """
         async for _ in self._node.ticks(ORDERS_RATE_HZ):
             if self._vehicle.sample.connected:
                 break
+        self._refuse_another_kind()
         if self._vehicle.sample.armed:
             return
         try:
             self._node.publisher(PARAMETERS).publish(said.parameters(await self._vehicle.get_parameters()))
         except VehicleError as error:
             logging.getLogger(self._node.name).warning("%s: they are not recorded", error)
+
+    def _refuse_another_kind(self) -> None:
+        checks = self._vehicle.checks
+        for what, cure in preflight.kind(checks.autopilot, checks.vehicle_type):
+            raise VehicleError(f"{what}: {cure}")
 
     async def relay_imu(self) -> None:
         """Every inertial sample, as soon as it is there."""

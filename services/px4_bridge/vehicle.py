@@ -28,7 +28,7 @@ from services.px4_bridge.commanded import CommandedVehicle
 from services.px4_bridge.port import refuse_used
 from services.px4_bridge.telecommand import AUTOPILOT, Fields
 from services.px4_bridge.telemetry import VehicleSample
-from services.px4_bridge.vehicle_protocol import VehicleError
+from services.px4_bridge.vehicle_protocol import LINK_CURE, VehicleError
 
 Array = NDArray[np.float64]
 
@@ -235,7 +235,7 @@ async def _first_autopilot(library: Mavsdk, url: str, timeout_s: float) -> Any:
     finally:
         library.cancel_first_autopilot(waiting)
     if system is None:
-        raise VehicleError(f"no autopilot on {url} within {timeout_s:g} s")
+        raise VehicleError(f"no autopilot on {url} within {timeout_s:g} s: {LINK_CURE}")
     return system
 
 

@@ -11,6 +11,8 @@ from services.runtime.plain import PlainError
 
 Array = NDArray[np.float64]
 
+LINK_CURE = "check power, cable, port and baud rate of px4_bridge.link.url"
+
 
 class VehicleError(PlainError):
     """The autopilot cannot be reached, refuses, or does not do what it acknowledged."""

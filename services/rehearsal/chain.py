@@ -4,7 +4,7 @@ import asyncio
 import contextlib
 import importlib
 from collections import defaultdict
-from collections.abc import Awaitable, Callable, Coroutine, Iterator, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Coroutine, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -23,6 +23,7 @@ from services.runtime.memory_bus import MemoryBus
 from services.runtime.node import Node
 from services.runtime.virtual import VirtualClock, run_virtual
 from services.simulator import service as simulator
+from services.simulator.human import Behaviour
 
 MAVLINK_DELAY_S = 0.003
 ON_THE_BUS_ONLY = ("tracker", "force_estimator", "guiding_controller", "safety_supervisor")
@@ -41,6 +42,11 @@ class Said(Mapping[str, list[Any]]):
     def hear(self, key: str, payload: bytes) -> None:
         """Keep it."""
         self._heard[key].append(payload)
+
+    def read(self, keys: Iterable[str]) -> None:
+        """Now, what somebody will ask for later."""
+        for key in keys:
+            self[key]
 
     def __getitem__(self, key: str) -> list[Any]:
         """All that is a message of the topic."""
@@ -97,6 +103,8 @@ class Stage:
     nodes: dict[str, StoppableNode] = field(default_factory=dict[str, StoppableNode])
     begin: Callable[[str], None] = lambda name: None
     """Start a service (again)."""
+    behave: Callable[[Behaviour], None] = lambda deeds: None
+    """What the person will do, from the moment in which they hold the handle."""
 
     @property
     def now_s(self) -> float:
@@ -155,13 +163,19 @@ def fly(
         clock, bus = VirtualClock(), MeddledBus()
         vehicle = DirectVehicle(config.px4_bridge.vehicle, clock.now_ns, MAVLINK_DELAY_S)
         its_own = dict(configs or {})
+        world = simulator.standing_in(its_own.get("simulator", config), vehicle)
         runs: Runs = {
-            "simulator": lambda node: simulator.play(node, its_own.get("simulator", config), vehicle),
+            "simulator": lambda node: simulator.act(node, world),
             "px4_bridge": lambda node: bridge.fly(node, its_own.get("px4_bridge", config), vehicle),
         }
         if record:
             runs["recorder"] = _recording(config, record)
-        return await perform(config, script, bus, clock, vehicle, runs)
+
+        async def with_a_person(stage: Stage) -> None:
+            stage.behave = world.behave
+            await script(stage)
+
+        return await perform(config, with_a_person, bus, clock, vehicle, runs)
 
     return run_virtual(flight(), limit_s=limit_s)
 

@@ -1,7 +1,8 @@
 """The border where bytes become messages: one inbox for each topic that a node reads, each payload decoded once."""
 
 from collections.abc import Callable
-from typing import Generic, NamedTuple, TypeVar
+from functools import lru_cache
+from typing import Generic, NamedTuple, TypeVar, cast
 
 from schemas.message import Message
 from schemas.topics import Topic
@@ -15,6 +16,12 @@ QUIET_ns = 1_000_000_000
 """After this silence a smaller seq is a new publisher even if its stamps are older (its host was restarted)."""
 VOICES = 16
 """So many consoles are told apart; then the one that was silent longest is forgotten."""
+
+
+@lru_cache(maxsize=64)
+def _parsed(kind: type[Message], payload: bytes) -> Message:
+    """In a process that is the whole system each message is read once for all who hear it; it cannot be changed."""
+    return kind.model_validate_json(payload, strict=True)
 
 
 class _Heard(NamedTuple):
@@ -95,7 +102,7 @@ class Inbox(Generic[M]):
             raise ValueError(f"was put on {key}")
         if not 0 < len(payload) <= MAX_PAYLOAD_bytes:
             raise ValueError(f"deleted, larger than {MAX_PAYLOAD_bytes} bytes, or not packed as its topic is")
-        return self.topic.type.model_validate_json(payload, strict=True)
+        return cast(M, _parsed(self.topic.type, payload))
 
     def _check_order(self, message: M, now_ns: int) -> None:
         last = self._voices.get(message.voice)

@@ -10,7 +10,7 @@ import sys
 import traceback
 from collections.abc import Callable, Coroutine
 from types import FrameType
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 from services.runtime.bus_config import BusConfig
 from services.runtime.clock import MonotonicClock
@@ -82,7 +82,8 @@ class _Life:
         return 0
 
     def _ended_by(self, why: BaseException) -> int:
-        return self.failed(why, trace=not isinstance(why, PlainError))
+        alone = _alone(why)
+        return self.failed(alone, trace=not isinstance(alone, PlainError))
 
     def failed(self, why: BaseException, *, trace: bool = False) -> int:
         """Say why, in one line first; returns the exit code."""
@@ -105,6 +106,14 @@ class _Life:
         self._stray = self._stray or context.get("exception")
         if self._stray and self._cancel:
             self._cancel()
+
+
+def _alone(why: BaseException) -> BaseException:
+    """Of a task group in which one loop failed, that loop's error."""
+    if not isinstance(why, BaseExceptionGroup):
+        return why
+    failed = cast("BaseExceptionGroup[BaseException]", why).exceptions
+    return _alone(failed[0]) if len(failed) == 1 else cast(BaseException, why)
 
 
 def _kill_after(seconds: float) -> None:

@@ -29,6 +29,7 @@ class Latest(Generic[M]):
         self.topic: Topic[M] = inbox.topic
         self._inbox = inbox
         self._turn = inbox.turn
+        self._crosses = inbox.hosts.crosses(inbox.topic.publisher)
         self._timeout_ns = inbox.topic.timeout_s * 1e9 + inbox.hosts.allowance_ns(inbox.topic.publisher)
         inbox.listen()
 
@@ -36,7 +37,7 @@ class Latest(Generic[M]):
     def message(self) -> M | None:
         """What arrived last; None before the first."""
         held = self._held()
-        return held and self._inbox.hosts.here(self.topic.publisher, held)
+        return self._inbox.hosts.here(self.topic.publisher, held) if held and self._crosses else held
 
     @property
     def received_ns(self) -> int:
@@ -81,7 +82,9 @@ class Latest(Generic[M]):
     def _here_ns(self) -> int | None:
         """Its stamp on this host's clock; None where there is no message or no comparison."""
         held = self._held()
-        return None if held is None else self._inbox.hosts.here_ns(self.topic.publisher, held.stamp_ns)
+        if held is None or not self._crosses:
+            return held and held.stamp_ns
+        return self._inbox.hosts.here_ns(self.topic.publisher, held.stamp_ns)
 
 
 class Queue(Latest[M]):
@@ -186,7 +189,7 @@ def used(*readers: Latest[Any], tick: Tick | None = None) -> dict[str, int]:
     Where a reader holds what the other host said, also the comparison of the clocks that dated it.
     """
     compared = {key: seq for reader in readers for key, seq in reader.comparison.items()}
-    inputs = compared | {reader.topic.key: reader.message.seq for reader in readers if reader.message}
+    inputs = compared | {reader.topic.key: held.seq for reader in readers if (held := reader.message)}
     if tick is not None:
         inputs[TICK] = tick.n + 1
         if tick.missed:

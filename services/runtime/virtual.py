@@ -7,6 +7,7 @@ that one timer sets off is finished before the next. Only timers and callbacks e
 import asyncio
 import heapq
 import selectors
+from collections import deque
 from collections.abc import Callable, Coroutine
 from contextvars import Context
 from typing import Any, TypeVar
@@ -29,8 +30,9 @@ class VirtualLoop(asyncio.SelectorEventLoop):
     def __init__(self, limit_s: float = LIMIT_s) -> None:
         self.now_ns = START_ns
         self._limit_ns = START_ns + round(limit_s * 1e9)
-        self._timers: list[tuple[int, int, asyncio.TimerHandle, Callable[[], object]]] = []
+        self._timers: list[tuple[int, int, asyncio.TimerHandle]] = []
         self._made = 0
+        self._ready: deque[asyncio.Handle]
         super().__init__(_Selector(self.advance))
 
     def time(self) -> float:
@@ -43,8 +45,7 @@ class VirtualLoop(asyncio.SelectorEventLoop):
         """As asyncio's, but timers of equal time keep their order, which asyncio's heap does not promise."""
         handle = asyncio.TimerHandle(when, callback, args, self, context)
         self._made += 1
-        fire = lambda: self.call_soon(callback, *args, context=context)  # noqa: E731
-        heapq.heappush(self._timers, (max(round(when * 1e9), self.now_ns), self._made, handle, fire))
+        heapq.heappush(self._timers, (max(round(when * 1e9), self.now_ns), self._made, handle))
         return handle
 
     def advance(self) -> None:
@@ -55,7 +56,7 @@ class VirtualLoop(asyncio.SelectorEventLoop):
             TimeoutError: the run has used up its virtual time.
         """
         while self._timers:
-            when_ns, _, handle, fire = heapq.heappop(self._timers)
+            when_ns, _, handle = heapq.heappop(self._timers)
             if not handle.cancelled():
                 break
         else:
@@ -63,7 +64,7 @@ class VirtualLoop(asyncio.SelectorEventLoop):
         if when_ns > self._limit_ns:
             raise TimeoutError(f"not finished at {self.time():.3f} s of virtual time")
         self.now_ns = when_ns
-        fire()
+        self._ready.append(handle)  # as asyncio does with a timer that is due
 
 
 class VirtualClock:
@@ -95,8 +96,10 @@ class _Selector(selectors.DefaultSelector):
         self._advance = advance
 
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
+        if timeout == 0:  # something is ready, and nobody outside can be quicker than this loop
+            return []
         ready = super().select(0)
-        if timeout is None and not ready:  # the loop knows of no timers, so it would wait for ever
+        if not ready:  # the loop knows of no timers, so it would wait for ever
             self._advance()
         return ready
 

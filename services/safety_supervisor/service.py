@@ -26,7 +26,7 @@ from services.config import Config
 from services.physics import Array, dot, norm
 from services.runtime.node import Node, Tick, used
 from services.runtime.readers import Latest
-from services.safety_supervisor import absence, distances, held, phases, rules
+from services.safety_supervisor import absence, distances, held, lag, phases, rules
 from services.safety_supervisor.novelty import Novelty
 from services.safety_supervisor.plan import hall, plan
 from services.safety_supervisor.requests import Requests
@@ -50,6 +50,13 @@ class Senses:
         measured = (self.handle, self.robot_pose, self.vehicle, self.force, self.guidance)
         self.novelty = {reader.topic.key: Novelty() for reader in measured}
         self.absence = absence.State()
+        self.lag_s = 0.0
+
+    def wait(self, tick: Tick, stall_s: float) -> None:
+        """What passes with a turn."""
+        missed_s, sent = tick.missed / SAFETY_STATE.rate_Hz, self.setpoint.value
+        self.absence = absence.step(self.absence, missed_s, tick.dt_s, stall_s)
+        self.lag_s = lag.step(self.lag_s, sent.age_s if sent else 0.0, tick.dt_s)
 
     def age_s(self, reader: Latest[Any]) -> float:
         """Since a valid message last said something new, as far as it was listened to; infinite for an invalid one or none."""
@@ -88,10 +95,9 @@ async def run(node: Node, config: Config) -> None:
     person = Person(held.start(p.held), path.t_hat(0.0))
     state, broken, stalls, requests = phases.PhaseState(), rules.initial(), 0, Requests()
     async for tick in node.ticks(SAFETY_STATE.rate_Hz):
-        missed_s = tick.missed / SAFETY_STATE.rate_Hz
-        senses.absence = absence.step(senses.absence, missed_s, tick.dt_s, p.limits.stall_s)
+        senses.wait(tick, p.limits.stall_s)
         person = _observe(person, senses, tick.dt_s, config)
-        facts = _facts(senses, person, missed_s, config)
+        facts = _facts(senses, person, tick.missed / SAFETY_STATE.rate_Hz, config)
         stalls += facts.stall_s > p.limits.stall_s
         request = requests.next(senses.requests.drain())
         action = request.action if request else None
@@ -180,6 +186,8 @@ def _facts(senses: Senses, person: Person, stall_s: float, config: Config) -> Fa
         stall_s=stall_s,
         clock_uncertainty_s=_clock_uncertainty_s(senses),
         time_of_day_apart_s=abs(clock.time_of_day_apart_s) if clock else 0.0,
+        loop_lag_s=senses.lag_s,
+        cable_short_m=_short_m(senses, config),
     )
 
 
@@ -187,6 +195,14 @@ def _apart_m(senses: Senses) -> float:
     """How far motion capture and the autopilot disagree about where the vehicle is."""
     pose, robot = senses.robot_pose.value, senses.vehicle.value
     return float(norm(pose.position_m.array() - robot.position_m.array())) if pose and robot else 0.0
+
+
+def _short_m(senses: Senses, config: Config) -> float:
+    """How much nearer the handle is seen than the cable is long; 0 where it is not seen."""
+    hand, pose = senses.handle.value, senses.robot_pose.value
+    if hand is None or hand.source is not HandleSource.MOCAP or pose is None:
+        return 0.0
+    return config.cable.rest_length_m - float(norm(pose.position_m.array() - hand.position_m.array()))
 
 
 def _aside_N(senses: Senses, config: Config) -> float:

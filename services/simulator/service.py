@@ -38,7 +38,12 @@ async def run(node: Node, config: Config) -> None:
 
 async def play(node: Node, config: Config, link: Link) -> None:
     """The world with the stand-in behind `link`."""
-    await act(node, Stage(config, lambda robot: StandIn(config.simulator.autopilot, robot, link)))
+    await act(node, standing_in(config, link))
+
+
+def standing_in(config: Config, link: Link) -> Stage:
+    """The world with the stand-in."""
+    return Stage(config, lambda robot: StandIn(config.simulator.autopilot, robot, link))
 
 
 async def act(node: Node, stage: Stage) -> None:

@@ -1,6 +1,7 @@
 """The simulated world and whoever flies it, one step of the autopilot after the other; the seeded noise of all sensors."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from services.config import Config
 from services.physics import GRAVITY_MPS2, Array, Z, conjugate, rotate
 from services.simulator import imu, world
 from services.simulator.autopilot import STEP_S, Sensors
+from services.simulator.human import Behaviour
 from services.simulator.pilot import Pilot
 from services.simulator.quadrotor import QuadrotorState
 from services.simulator.world import Told, WorldParams, WorldState
@@ -35,6 +37,10 @@ class Stage:
         self._air = np.random.default_rng((config.system.seed, 1))  # apart: the stand-in has no barometer
         self.world = self._initial()
         self._pilot = pilot_of(self.world.robot)
+
+    def behave(self, deeds: Behaviour) -> None:
+        """What the person will do, counted from the moment in which they hold the handle."""
+        self.params = replace(self.params, behaviour=deeds)
 
     def step(self, told: Told) -> None:
         """The physics under the pilot's motors, then a sample of the sensors for the pilot."""

@@ -1,5 +1,7 @@
 """Listens to motion capture; says where the hand is and how it moves, and the robot's pose for the autopilot."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from schemas.estimation import CableForce, Tare
@@ -13,12 +15,22 @@ from services.runtime.node import Node, used
 from services.runtime.readers import Latest
 from services.tracker import axes, filtering, hand, robot
 from services.tracker.filtering import Sample
+from services.tracker.hand import Led
 from services.tracker.robot import Belief
 from services.tracker.sources import Source, open_source
 
 LONGEST_STEP_S = 0.5
+MARGIN_M = 0.01  # what motion capture and the autopilot may differ by about how near the hand is
 ELSEWHERE = "the robot is seen where it does not fly"
 DOUBTED = "the handle is seen where the cable does not lead"
+
+
+class Felt(NamedTuple):
+    """The force that was looked at last: one that is exactly what it was before has not been felt."""
+
+    seq: int = 0
+    force_N: Vec3 = Vec3()
+    new: bool = False
 
 
 async def run(node: Node, config: Config) -> None:
@@ -32,7 +44,7 @@ async def track(node: Node, config: Config, source: Source) -> None:
     p = config.tracker
     vehicle, force = node.latest(VEHICLE_STATE), node.latest(CABLE_FORCE)
     handles, robots = node.publisher(HANDLE_STATE), node.publisher(ROBOT_POSE)
-    held, body, world, last_ns = hand.start(), robot.start(), axes.start(), 0
+    held, body, world, last_ns, felt = hand.start(), robot.start(), axes.start(), 0, Felt()
     async for taken in source.frames:
         frame = taken if taken.seq else node.publisher(MOCAP_SEEN).publish(taken)
         dt = min(max((frame.stamp_ns - last_ns) * 1e-9, 1e-4), LONGEST_STEP_S)
@@ -48,7 +60,8 @@ async def track(node: Node, config: Config, source: Source) -> None:
             robots.publish(_pose(frame, inputs))
         jumped = seen.sample == Sample.JUMP
         tracked = frame.handle.tracked and not jumped
-        led = _led(vehicle, force, config, hand.TAUT_N) if _zeroed(force) else None
+        felt = _felt(felt, force)
+        led = _led(vehicle, force, config, hand.TAUT_N) if felt.new and _zeroed(force) else None
         aloft = vehicle.message is not None and vehicle.message.in_air
         held, found = hand.step(held, frame.handle.position_m.array(), tracked, led, aloft, dt, p.handle)
         # What contradicts itself is not guessed either: the world may have jumped, or the bodies changed places.
@@ -106,10 +119,10 @@ def _guessed(vehicle: Latest[VehicleState], force: Latest[CableForce], config: C
     robot = vehicle.value
     if robot is None or force.value is None:
         return _nothing(f"{HIDDEN}, no vehicle or force to go by")
-    p_H = _led(vehicle, force, config, config.tracker.fallback_force_min_N)
-    if p_H is None:
+    led = _led(vehicle, force, config, config.tracker.fallback_force_min_N)
+    if led is None:
         return _nothing(f"{HIDDEN}, cable not taut enough to show it")
-    return _state(p_H, robot.velocity_mps.array(), HandleSource.CABLE, 0.0)
+    return _state(led.p_H, robot.velocity_mps.array(), HandleSource.CABLE, 0.0)
 
 
 def _zeroed(force: Latest[CableForce]) -> bool:
@@ -117,13 +130,24 @@ def _zeroed(force: Latest[CableForce]) -> bool:
     return force.value is not None and force.value.tare is Tare.PASSED
 
 
-def _led(vehicle: Latest[VehicleState], force: Latest[CableForce], config: Config, taut_N: float) -> Array | None:
-    """Where a cable leads that pulls with more than `taut_N`, (3,) m; the floor under a landing vehicle pushes instead."""
+def _felt(before: Felt, force: Latest[CableForce]) -> Felt:
+    if force.value is None or force.value.seq == before.seq:
+        return before if force.value else Felt()
+    return Felt(force.value.seq, force.value.force_N, force.value.force_N != before.force_N)
+
+
+def _led(vehicle: Latest[VehicleState], force: Latest[CableForce], config: Config, taut_N: float) -> Led | None:
+    """Where a cable leads that pulls with more than `taut_N`; the floor under a landing vehicle pushes instead."""
     robot, pull = vehicle.value, force.value
     if robot is None or pull is None or pull.force_N.z < 0.0:
         return None
-    p_H, usable = filtering.fallback(robot.position_m.array(), pull.force_N.array(), config.cable, taut_N)
-    return p_H if usable else None
+    p_R, f_c = robot.position_m.array(), pull.force_N.array()
+    p_H, usable = filtering.fallback(p_R, f_c, config.cable, taut_N)
+    if not usable:
+        return None
+    l_c = p_R - p_H
+    length_m = float(norm(l_c))
+    return Led(p_H, l_c / length_m, length_m - config.px4_bridge.flight.hand_clear_m - MARGIN_M)
 
 
 def _nothing(why: str) -> HandleState:

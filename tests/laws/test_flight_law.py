@@ -132,7 +132,7 @@ def test_the_force_goes_into_the_acceleration_with_the_same_sample(f_c: Array, p
 @settings(max_examples=20)
 def test_a_stale_force_moves_nothing(f_c: Array) -> None:
     """Whatever was felt last, no filter runs on it: the reference comes to rest within the slackening."""
-    state = guided()._replace(f_hat=f_c)
+    state = guided()._replace(f_hat=f_c, f_mean=f_c)
     stale = sight(Permit.GUIDE, fresh=False)
     rest = after(state, stale, 12.0)
     taut = norm(f_c) > 2.0 * P.flight.handle_weight_N + 0.1

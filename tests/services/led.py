@@ -23,9 +23,12 @@ def serving(module):
     return lambda stage: module.run(stage.node(module.__name__.split(".")[1]), CONFIG)
 
 
-def tracked(frames: Feed, seconds: float = 1.0, *, pull: Array | None = PULL) -> Said:
-    """What the tracker makes of frames; `pull` None: neither vehicle nor force is heard."""
+def tracked(frames: Feed, seconds: float = 1.0, *, pull: Array | None = PULL, frozen: bool = False) -> Said:
+    """What the tracker makes of frames; `pull` None: neither vehicle nor force is heard. One that is felt has noise."""
+    noise = 0.0 if frozen else 1e-6
     others: dict[Any, Feed] = (
-        {} if pull is None else {VEHICLE_STATE: lambda _: vehicle(ABOVE), CABLE_FORCE: lambda _: force(pull)}
+        {}
+        if pull is None
+        else {VEHICLE_STATE: lambda _: vehicle(ABOVE), CABLE_FORCE: lambda t_s: force(pull * (1.0 + noise * t_s))}
     )
     return alone(serving(tracker), {MOCAP_FRAME: frames, **others}, lasting(seconds))

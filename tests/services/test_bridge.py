@@ -24,6 +24,7 @@ from services.config import load
 from services.physics import norm
 from services.px4_bridge import flight
 from services.px4_bridge import service as px4_bridge
+from services.px4_bridge.vehicle_protocol import VehicleError
 from services.rehearsal.chain import Stage
 from services.rehearsal.direct_vehicle import DirectVehicle
 from services.runtime.virtual import VirtualClock
@@ -253,6 +254,29 @@ def test_an_autopilot_that_left_offboard_is_not_flown_again_when_it_shows_offboa
     assert modes[-1] is FlightMode.OFFBOARD
     assert not flown.said[VEHICLE_STATE.key][-1].armed
     assert not since(flown.said, SETPOINT, 8.0)
+
+
+def test_a_vehicle_of_another_kind_is_refused_before_it_is_armed():
+    """MAV_TYPE 1 is an aeroplane."""
+    refused = []
+
+    def as_another(messages):
+        return [(name, fields | {"type": 1} if name == "HEARTBEAT" else fields) for name, fields in messages]
+
+    async def fly_it(stage: Alone) -> None:
+        vehicle = DirectVehicle(CONFIG.px4_bridge.vehicle, stage.clock.now_ns, 0.003)
+        vehicle.garble = as_another
+        world = asyncio.create_task(simulator.play(stage.node("simulator"), CONFIG, vehicle))
+        try:
+            with pytest.RaisesGroup(pytest.RaisesExc(VehicleError, match=r"no quadrotor \(MAV_TYPE = 1, must be 2\)")):
+                await px4_bridge.fly(stage.node("px4_bridge"), CONFIG, vehicle)
+            refused.append(vehicle.sample.armed)
+            await asyncio.sleep(10.0)
+        finally:
+            world.cancel()
+
+    alone(fly_it, {SAFETY_STATE: take_off}, lambda _: asyncio.sleep(3.0))
+    assert refused == [False]
 
 
 # simulator

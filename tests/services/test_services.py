@@ -101,6 +101,11 @@ def test_a_handle_that_is_seen_where_the_cable_does_not_lead_is_nowhere():
     assert since(said, HANDLE_STATE, 1.2)
 
 
+def test_a_force_that_stays_exactly_the_same_contradicts_nobody():
+    said = tracked(lambda t_s: frame(ABOVE, HAND + (0.0 if t_s < 0.5 else 0.5)), 1.5, frozen=True)
+    assert {m.source for m in since(said, HANDLE_STATE, 1.2)} == {HandleSource.MOCAP}
+
+
 @pytest.mark.parametrize(("pull", "why"), [(SLACK, "not taut"), (None, "no vehicle or force")], ids=["slack", "silent"])
 def test_a_hidden_handle_without_a_pull_is_nowhere(pull, why):
     said = tracked(lambda t_s: frame(ABOVE, HAND if t_s < 0.3 else None), 1.0, pull=pull)

@@ -24,10 +24,14 @@ SERVICE = """
 import asyncio, os, sys, time
 from schemas.topics import BY_KEY, SERVICES
 from services.runtime.bus_config import BusConfig
+from services.runtime.plain import PlainError
 from services.runtime.process import serve
 
 async def fail():
     raise KeyError("on purpose")
+
+async def miss():
+    raise PlainError("nobody is there: call somebody")
 
 async def run(node, how):
     readers = [node.stream(topic) for topic in BY_KEY.values() if node.name in topic.subscribers]
@@ -43,6 +47,10 @@ async def run(node, how):
                 task = None
             if how == "crash in a callback":
                 asyncio.get_running_loop().call_soon(int, "on purpose")
+            if how == "miss":
+                async with asyncio.TaskGroup() as loops:
+                    loops.create_task(asyncio.sleep(9.0))
+                    loops.create_task(miss())
             if how == "finish":
                 return
             kept = []
@@ -140,6 +148,13 @@ def test_an_uncaught_error_ends_the_process_with_one_clear_line(start, how):
     said = tuple(f"safety_supervisor failed: {words}" for words in first_words)
     assert any(line.startswith(said) for line in errors.splitlines())
     assert "Traceback" in errors
+
+
+def test_a_plain_error_of_one_of_several_loops_is_one_line(start):
+    process = start("safety_supervisor", "miss")
+    (line,) = process.communicate(timeout=PATIENCE_s)[1].splitlines()
+    assert line == "safety_supervisor failed: PlainError: nobody is there: call somebody"
+    assert process.returncode == 1
 
 
 def test_a_service_that_finishes_exits_0(start):

@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 from services.config import ConfigError, load
-from services.console.start import check_devices
+from services.console.start import check_px4
 from services.simulator import px4_process
 from services.simulator.px4_process import Px4NotThere
 
@@ -78,7 +78,7 @@ def test_program_and_port_are_looked_at_before_anything_starts(tmp_path):
     def refused(**other: Any) -> str:
         simulated = replace(CONFIG.simulator, px4_sitl=replace(sitl, **({"instance": free_instance()} | other)))
         with pytest.raises(ConfigError) as why:
-            check_devices(CONFIG.model_copy(update={"simulator": simulated}), ["simulator"])
+            check_px4(CONFIG.model_copy(update={"simulator": simulated}))
         (line,) = str(why.value).splitlines()
         return line
 

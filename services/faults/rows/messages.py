@@ -41,6 +41,9 @@ def messages() -> Iterator[Fault]:
             family=f"{topic.key} {'in disorder' if way in HARMLESS else 'wrong'}",
         )
 
+    yield Fault("force_flown_late", Group.BUS, "messages of force/cable arrive 0.08 s late: all loops share a processor with others",
+                Reaction.EASE, 0.6, _meddled(CABLE_FORCE.key, lambda: bus.delayed(0.08)), watch_s=6.0)  # fmt: skip
+
 
 def _garbled(topic: Topic[Any], way: str) -> tuple[Reaction, float]:
     """What it must lead to, by when."""

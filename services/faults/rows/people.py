@@ -9,6 +9,8 @@ from services.config import Config
 from services.faults.fault import Fault, Group, Moment, Reaction
 from services.simulator.human import Event, Kind
 
+TOLD = Moment(Phase.READY, 0.0)
+"""The person has just been told to take the handle."""
 DEED_S = 7.0
 RUNS = dict.fromkeys(("tip_hand", "tip_head", "calm"), "the person runs faster than the vehicle may fly")
 DRAGS = dict.fromkeys(("tip_head", "calm"), "the hand drags the vehicle down beside a head that stays where it was")
@@ -20,7 +22,9 @@ def people() -> Iterator[Fault]:
     def deed(name: str, about: str, reaction: Reaction, within_s: float, watch_s: float = 6.0, **event: Any) -> Fault:
         exempt: dict[str, str] = event.pop("exempt", {})
         deeds = (Event(start_s=DEED_S, **event),)
-        return Fault(name, Group.PERSON, about, reaction, within_s, watch_s=watch_s, deeds=deeds, exempt=exempt)
+        return Fault(
+            name, Group.PERSON, about, reaction, within_s, moment=TOLD, watch_s=watch_s, deeds=deeds, exempt=exempt
+        )
 
     yield deed("lets_go", "the person opens the hand", Reaction.LET_GO, 0.4, kind=Kind.LET_GO)
     yield deed(
@@ -88,16 +92,16 @@ def people() -> Iterator[Fault]:
     )
     yield replace(
         deed("lifts_the_hand_at_the_start", "the hand rises by 0.7 m at 0.7 m/s under the vehicle", Reaction.ANY, 0.0, kind=Kind.RAISE, rise_m=0.7, speed_mps=0.7),
-        deeds=(Event(start_s=1.2, kind=Kind.RAISE, rise_m=0.7, speed_mps=0.7),), moment=Moment(Phase.READY, 0.0),
+        deeds=(Event(start_s=1.2, kind=Kind.RAISE, rise_m=0.7, speed_mps=0.7),),
     )  # fmt: skip
     yield Fault(
         "tangled",
         Group.PERSON,
         "the cable is 0.2 m shorter than believed",
-        Reaction.ANY,
-        0.0,
-        moment=Moment(Phase.READY),
-        watch_s=15.0,
+        Reaction.LAND,
+        1.5,
+        moment=Moment(Phase.ZEROING, 0.0),
+        watch_s=25.0,
         world=_shorter,
     )
 

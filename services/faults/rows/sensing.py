@@ -5,6 +5,7 @@ from typing import Any
 
 from schemas.topics import MOCAP_FRAME
 from services.faults.fault import Fault, Group, Reaction
+from services.faults.measure import FORCE_N
 from services.faults.rows.common import SINKS, Act, later
 from services.rehearsal import meddled_bus as bus
 from services.rehearsal.chain import Stage
@@ -23,6 +24,13 @@ def sensing() -> Iterator[Fault]:
         yield Fault(
             f"handle_jumps_{side}", S, about, Reaction.EASE, 0.4, _frames(_jump("handle", axis, by_m)), watch_s=6.0,
             family="handle jumps",
+        )  # fmt: skip
+    for by_mps, within_s in ((0.1, 1.2), (0.2, 0.8), (0.5, 0.6), (-0.2, 1.2)):
+        way = "up" if by_mps > 0 else "down"
+        yield Fault(
+            f"handle_creeps_{way}_{abs(by_mps):g}".replace(".", "_"), S,
+            f"the handle's marker set creeps {way} at {abs(by_mps):g} m/s", Reaction.EASE, within_s,
+            _creeps(by_mps), watch_s=7.0, pull_max_N=FORCE_N, family="handle creeps",
         )  # fmt: skip
     yield Fault("robot_lost", S, "motion capture loses the vehicle", Reaction.LAND, 3.0, _frames(_hidden("robot")), watch_s=9.0,
                 exempt=SINKS)  # fmt: skip
@@ -89,6 +97,16 @@ def _jump(body: str, axis: str, by_m: float) -> Callable[[Body], Body]:
         return frame | {body: frame[body] | {"position_m": p | {axis: p[axis] + by_m}}}
 
     return move
+
+
+def _creeps(by_mps: float) -> Act:
+    """For 3 s, and back at once."""
+
+    def act(stage: Stage) -> None:
+        begin_s = stage.now_s
+        _frames(lambda frame: _jump("handle", "z", by_mps * (stage.now_s - begin_s))(frame))(stage)
+
+    return act
 
 
 def _exchanged(frame: Body) -> Body:
