@@ -127,14 +127,11 @@ def test_a_link_that_is_lost_alone_is_told_and_the_others_carry_on(hosts: TwoHos
     hosts.shape(deaf_port=GUIDANCE_PORT)
     time.sleep(2.0)
     assert "drone:drone by 3 of 4 links only" in told(hosts)
-    taken, refused = heard(hosts, listener, guiding)
+    taken, _ = heard(hosts, listener, guiding)
     hosts.shape(deaf_port=0)
     seqs = of(taken, GUIDANCE.key, "seq")
-    print(
-        f"{seqs[-1] - seqs[0] + 1 - len(seqs)} of {seqs[-1]} lost, longest gap {max(gaps(of(taken, GUIDANCE.key, 't_s'))):.2f} s"
-    )
-    assert seqs[-1] - seqs[0] > 900
-    assert max(gaps(of(taken, GUIDANCE.key, "t_s"))) < GUIDANCE.lifetime_s + 0.25
+    assert len(seqs) > 900
+    assert len(seqs) / (seqs[-1] - seqs[0] + 1) > 0.95
     assert max(of(taken, GUIDANCE.key, "age_s")) <= LIVES_s + 0.02
 
 
