@@ -40,8 +40,8 @@ class RadioBus(Protocol):
         """Ask; `on_reply` gets the answer and when it arrived, monotonic ns, in the running loop."""
         ...
 
-    def remotes(self) -> dict[str, str]:
-        """Names of the certificates that are connected now, by session."""
+    def remotes(self) -> dict[str, tuple[str, int]]:
+        """Names of the certificates that are connected now and how many links each has, by session."""
         ...
 
 
@@ -70,21 +70,23 @@ class Remotes:
     """Who is connected, by certificate, and how often each came."""
 
     def __init__(self, radio: Radio) -> None:
-        self._known = set(radio.names)
-        self._sessions = dict[str, str]()
+        self._known, self._links = set(radio.names), len(radio.ports)
+        self._sessions = set[str]()
         self.connects = 0
 
-    def tell(self, sessions: dict[str, str]) -> str:
+    def tell(self, sessions: dict[str, tuple[str, int]]) -> str:
         """A line for the health: names that are in the profile, and strangers."""
-        self.connects += len(sessions.keys() - self._sessions.keys())
-        self._sessions = dict(sessions)
-        names = sorted(sessions.values())
+        self.connects += len(sessions.keys() - self._sessions)
+        self._sessions = set(sessions)
+        names = sorted(name for name, _ in sessions.values())
         known = [name for name in names if name in self._known]
         strangers = [name for name in names if name not in self._known]
-        twice = sorted({name for name in known if known.count(name) > 1 and name.startswith(("drone:", "ground:"))})
+        hosts = [(name, links) for name, links in sessions.values() if name.startswith(("drone:", "ground:"))]
+        twice = sorted({name for name in known if [host for host, _ in hosts].count(name) > 1})
         return "; ".join(
             [
                 f"radio: {', '.join(known) or 'nobody'}",
+                *(f"{name} by {n} of {self._links} links only" for name, n in hosts if n < self._links),
                 *(f"SHUT OUT, not in radio.names: {name}" for name in strangers),
                 *(f"TWO HOSTS are {name}: check system.host" for name in twice),
             ]

@@ -17,11 +17,12 @@ from services.gateway.radio import Radio
 from services.runtime.bus import MAX_PAYLOAD_bytes
 from services.runtime.zenoh_bus import LEASE_ms
 
+_DATAGRAMS, _STREAM = "#initial_mtu=1400", "#so_sndbuf=4096;so_rcvbuf=8192"
 _LINKS = (
-    ("quic", "mixed_rel=1;prio=1-1"),
-    ("quic", "mixed_rel=1;prio=2-2"),
-    ("quic", "mixed_rel=1;prio=3-5"),
-    ("tls", "prio=6-7"),
+    ("quic", f"mixed_rel=1;prio=1-1{_DATAGRAMS}"),
+    ("quic", f"mixed_rel=1;prio=2-2{_DATAGRAMS}"),
+    ("quic", f"mixed_rel=1;prio=3-5{_DATAGRAMS}"),
+    ("tls", f"prio=6-7{_STREAM}"),
 )
 """Priorities as the bus gives them to the stances (runtime/zenoh_bus.py)."""
 _LEASE_of_connect = 3 / 8
@@ -34,18 +35,15 @@ MESSAGE_MAX_bytes = 262_144
 
 
 def endpoints(radio: Radio) -> tuple[str, ...]:
-    """Where the ground is reached, one for each priority range.
+    """One for each priority range.
 
-    Without options of their own: Zenoh makes a lost link anew only where the link's end is its endpoint to the letter.
+    Zenoh makes a link anew that was lost alone only where its endpoint has no options. Here it shall not: after an outage
+    about as long as the lease one side may begin a new session which the other takes for links of the old, and then
+    nothing is routed until the radio is next lost. So a lost link is told, and the others carry what it carried.
     """
     return tuple(
         f"{protocol}/{radio.address}:{port}?{how}" for port, (protocol, how) in zip(radio.ports, _LINKS, strict=True)
     )
-
-
-def listening(radio: Radio) -> tuple[str, ...]:
-    """The same for the ground itself."""
-    return tuple(each + "#initial_mtu=1400" * each.startswith("quic") for each in endpoints(radio))
 
 
 def gateway(host: str, radio: Radio, services: Services, files: Credentials, prefix: str) -> dict[str, Any]:
@@ -76,8 +74,6 @@ def _tls(radio: Radio, files: Credentials) -> dict[str, Any]:
         "transport/unicast/max_links": len(_LINKS),
         "transport/unicast/compression/enabled": True,
         "transport/link/rx/max_message_size": MESSAGE_MAX_bytes,
-        "transport/link/tls/so_sndbuf": 4096,
-        "transport/link/tls/so_rcvbuf": 8192,
         "transport/link/tls/enable_mtls": True,
         "transport/link/tls/root_ca_certificate": str(files.ca),
         "transport/link/tls/connect_certificate": str(files.certificate),

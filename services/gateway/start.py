@@ -24,7 +24,7 @@ def gateway_bus(config: Config, bus: BusConfig) -> BusConfig:
     if host == "ground":
         _require_own(radio.address, resolved)
         files = _files(radio, _only_name(radio, host), host, radio.address)
-        own = {"listen": session.listening(radio)}
+        own = {"listen": session.endpoints(radio)}
     else:
         if _is_own(resolved):
             raise ConfigError(f"radio.address = {radio.address}: is this machine's own, but system.host = {host}")

@@ -129,7 +129,10 @@ class Ears:
         if handle is not None and handle.source is HandleSource.MOCAP:
             p_H = handle.position_m.array()
             inside = norm(p_H - robot.position_m.array()) < self._config.safety_supervisor.envelope.rotor_tip_m
-            if not inside:  # else what is seen there is the vehicle itself
+            out_of_reach = p_H[2] > self._config.px4_bridge.flight.ceiling_m
+            if not (
+                inside or out_of_reach
+            ):  # else it is the vehicle itself, or hangs below it on a cable that is caught
                 self._seen, self._seen_ns = Hand(p_H, np.zeros(3)), now_ns
                 return Hand(p_H, handle.velocity_mps.array())
         told, before = self._handle.message, self._doubted

@@ -7,7 +7,7 @@ import asyncio
 import json
 import os
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Generator
 from contextlib import ExitStack, contextmanager, nullcontext
 from itertools import cycle
@@ -148,10 +148,12 @@ class ZenohBus:
                 return reply.ok.payload.to_bytes(), time.monotonic_ns()
         return None
 
-    def remotes(self) -> dict[str, str]:
-        """By session, the certificate's name of each that is connected over the radio."""
-        links = self._session.info.links()
-        return {str(link.zid): link.auth_identifier for link in links if link.auth_identifier}
+    def remotes(self) -> dict[str, tuple[str, int]]:
+        """By session, the certificate's name of each that is connected over the radio, and by how many links."""
+        # Zenoh has one that is reliable as well as not in its list twice.
+        links = {(str(each.zid), str(each.dst), each.auth_identifier) for each in self._session.info.links()}
+        named = [(zid, name) for zid, _, name in links if name]
+        return {zid: (name, count) for (zid, name), count in Counter(named).items()}
 
     def _outlet(self, key: str, stance: Stance) -> Callable[[bytes], None]:
         """One topic's way out. Over a radio the packets of guidance take turns on two links: loss keeps each one narrow."""

@@ -21,6 +21,8 @@ ENGAGED = frozenset({Phase.READY, Phase.GUIDING, Phase.ARRIVED})
 PREPARED = ENGAGED | {Phase.IDLE}  # on the ground these keep the vehicle from starting
 PULLING = frozenset({Phase.GUIDING, Phase.ARRIVED})
 
+CABLE_SHORT_M = 0.08  # less than what lets the hanging handle push the vehicle ahead as a hand would
+
 
 @parameters
 class Limits:
@@ -88,6 +90,8 @@ class Facts(NamedTuple):
     time_of_day_apart_s: float = 0.0
     loop_lag_s: float = 0.0
     """From the force that is felt to the set-point that follows it, on average."""
+    cable_short_m: float = 0.0
+    """How much nearer to the vehicle the handle is seen than the cable is long."""
 
 
 @dataclass(frozen=True)
@@ -136,6 +140,7 @@ RULES: tuple[Rule, ...] = (
     Rule("clocks_unknown",    lambda f, p: f.clock_uncertainty_s > p.clock_uncertainty_max_s, PREPARED, 0.0, Level.EASE, "the clocks of the two hosts are not compared", "look at clew link"),
     Rule("time_of_day",       lambda f, p: f.time_of_day_apart_s > p.time_of_day_apart_max_s, PREPARED, 0.0, Level.EASE, "the two hosts differ in the time of day", "set up chrony (docs/operate.md)"),
     Rule("loop_late",         lambda f, p: f.loop_lag_s > lag.LATE_S,               ENGAGED, 0.0, Level.EASE,  "the force is flown too late",              "stop what else runs on the drone's host"),
+    Rule("cable_short",       lambda f, p: f.cable_short_m > CABLE_SHORT_M,         frozenset({Phase.ZEROING}), 0.5, Level.LAND, "the handle hangs higher than the cable is long", "untangle the cable, or mend rest_length_m"),
     Rule("host_stall",        lambda f, p: f.stall_s > p.stall_s,                   ENGAGED, 0.0, Level.EASE,  "this host took the processor away",        "stop what else runs on it"),
 )
 # fmt: on

@@ -187,6 +187,7 @@ def _facts(senses: Senses, person: Person, stall_s: float, config: Config) -> Fa
         clock_uncertainty_s=_clock_uncertainty_s(senses),
         time_of_day_apart_s=abs(clock.time_of_day_apart_s) if clock else 0.0,
         loop_lag_s=senses.lag_s,
+        cable_short_m=_short_m(senses, config),
     )
 
 
@@ -194,6 +195,14 @@ def _apart_m(senses: Senses) -> float:
     """How far motion capture and the autopilot disagree about where the vehicle is."""
     pose, robot = senses.robot_pose.value, senses.vehicle.value
     return float(norm(pose.position_m.array() - robot.position_m.array())) if pose and robot else 0.0
+
+
+def _short_m(senses: Senses, config: Config) -> float:
+    """How much nearer the handle is seen than the cable is long; 0 where it is not seen."""
+    hand, pose = senses.handle.value, senses.robot_pose.value
+    if hand is None or hand.source is not HandleSource.MOCAP or pose is None:
+        return 0.0
+    return config.cable.rest_length_m - float(norm(pose.position_m.array() - hand.position_m.array()))
 
 
 def _aside_N(senses: Senses, config: Config) -> float:

@@ -37,8 +37,8 @@ class RadioMemoryBus(MemoryBus):
         if self.up:
             loop.call_later(WAY_s, answer)
 
-    def remotes(self) -> dict[str, str]:
-        return {"1": "ground:ground"} if self.up else {}
+    def remotes(self) -> dict[str, tuple[str, int]]:
+        return {"1": ("ground:ground", 4)} if self.up else {}
 
 
 def test_the_drones_gateway_follows_the_grounds_clock_and_its_restart():
@@ -76,15 +76,19 @@ def test_the_drones_gateway_follows_the_grounds_clock_and_its_restart():
     run_virtual(main())
 
 
-def test_strangers_and_twins_are_named():
+def test_strangers_twins_and_lost_links_are_named():
     assert CONFIG.radio is not None
     watch = Remotes(CONFIG.radio)
+    ground, screen = ("ground:ground", 4), ("viewer:screen", 1)
     assert watch.tell({}) == "radio: nobody"
-    assert watch.tell({"1": "ground:ground", "2": "viewer:screen"}) == "radio: ground:ground, viewer:screen"
-    assert "SHUT OUT, not in radio.names: viewer:old" in watch.tell({"1": "ground:ground", "3": "viewer:old"})
-    assert "TWO HOSTS are drone:drone: check system.host" in watch.tell({"1": "drone:drone", "2": "drone:drone"})
-    assert "TWO" not in watch.tell({"1": "operator:console", "2": "operator:console"})
+    assert watch.tell({"1": ground, "2": screen}) == "radio: ground:ground, viewer:screen"
+    assert "SHUT OUT, not in radio.names: viewer:old" in watch.tell({"1": ground, "3": ("viewer:old", 1)})
+    drone = ("drone:drone", 4)
+    assert "TWO HOSTS are drone:drone: check system.host" in watch.tell({"1": drone, "2": drone})
+    console = ("operator:console", 1)
+    assert "TWO" not in watch.tell({"1": console, "2": console})
     assert watch.connects == 4
+    assert watch.tell({"1": ("drone:drone", 3)}) == "radio: drone:drone; drone:drone by 3 of 4 links only"
 
 
 def from_log(target: str, text: str, level: str = "WARN") -> str:

@@ -50,8 +50,8 @@ def walking(hosts: TwoHosts, profiles: dict[str, str]) -> None:
 
 
 def listener(hosts: TwoHosts, profiles: dict[str, str], host: str, *keys: str) -> subprocess.Popen[str]:
-    seconds = 2.0 * WEIGHED_s + OUTAGE_s + AFTER_s + 2.0
-    ear = hosts.end(host, "ear", profiles[host], "watcher", str(seconds), *keys)
+    """Hears until it is asked."""
+    ear = hosts.end(host, "ear", profiles[host], "watcher", "0", *keys, stdin=subprocess.PIPE)
     read_until(ear, "listening")
     return ear
 
@@ -62,12 +62,12 @@ def said(hosts: TwoHosts, ear: subprocess.Popen[str], key: str) -> list[dict[str
     return [entry["said"] for entry in lines(out) if entry.get("key") == key]
 
 
-def used_Mbit_s(hosts: TwoHosts, way: str) -> float:
-    """Of the radio, while nothing happens to it."""
-    before = hosts.shape()[way]
+def used_Mbit_s(hosts: TwoHosts) -> dict[str, float]:
+    """Of the radio each way, while nothing happens to it."""
+    before = hosts.shape()
     time.sleep(WEIGHED_s)
-    after = hosts.shape()[way]
-    return sum(size - before.get(port, [0, 0])[1] for port, (_, size) in after.items()) * 8e-6 / WEIGHED_s
+    sizes = [{way: sum(size for _, size in told[way].values()) for way in told} for told in (before, hosts.shape())]
+    return {way: (sizes[1][way] - sizes[0][way]) * 8e-6 / WEIGHED_s for way in before}
 
 
 def norm(vector: dict[str, float]) -> float:
@@ -80,12 +80,13 @@ def test_an_outage_in_the_walk_takes_the_pull_away_and_stops_nothing_onboard_and
     near = listener(hosts, profiles, "drone", f"+{SETPOINT.key}")
     others = [topic.key for topic in TOPICS if topic.logged and topic is not TRUTH]  # as a recorder hears them
     far = listener(hosts, profiles, "ground", f"+{TRUTH.key}", *others)
-    used = {way: used_Mbit_s(hosts, way) for way in ("up", "down")}
+    used = used_Mbit_s(hosts)
     hosts.shape(down=True)
     cut_s = time.monotonic()
     time.sleep(OUTAGE_s)
     hosts.shape(down=False)
     back_s = time.monotonic()
+    time.sleep(AFTER_s)
     sent = [(m["stamp_ns"] * 1e-9 - AHEAD_s, m["inputs"].get(GUIDANCE.key, 0)) for m in said(hosts, near, SETPOINT.key)]
     felt = [(m["stamp_ns"] * 1e-9, norm(m["hand_force_N"])) for m in said(hosts, far, TRUTH.key)]
 

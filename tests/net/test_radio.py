@@ -14,6 +14,7 @@ import pytest
 from schemas.topics import CABLE_FORCE, GUIDANCE, HANDLE_STATE, RADIO_CLOCK
 from tests.net.conftest import AHEAD_s, linked
 from tests.net.two_hosts import TwoHosts, lines, read_until
+from tests.net.visits import told
 
 DELAY_s, GUIDANCE_PORT = 0.020, 7447
 BAD = {"delay_ms": 1e3 * DELAY_s, "jitter_ms": 5.0, "loss": 0.05, "rate_Mbit_s": 5.0}
@@ -60,13 +61,6 @@ def gaps(times: list[float]) -> list[float]:
 
 def quantile(values: list[float], q: float) -> float:
     return sorted(values)[min(int(q * len(values)), len(values) - 1)]
-
-
-def flows(hosts: TwoHosts, port: int) -> bool:
-    """Whether the ground sends on that link: an idle one gives eight signs of life in a second."""
-    before = hosts.shape()["down"].get(str(port), [0, 0])
-    time.sleep(1.0)
-    return hosts.shape()["down"].get(str(port), [0, 0])[0] - before[0] > 5
 
 
 def test_the_clocks_are_compared_to_within_a_few_milliseconds(hosts: TwoHosts):
@@ -124,15 +118,21 @@ def test_an_outage_stops_nothing_onboard_and_leaves_nothing_stale(hosts: TwoHost
     assert max(local) < 0.25 * max(gaps(times))  # how soon it is back, on an idle machine: make bench-net
 
 
-def test_a_link_that_is_lost_alone_is_made_anew(hosts: TwoHosts):
-    """One of the four, while the others hold the radio up."""
+def test_a_link_that_is_lost_alone_is_told_and_the_others_carry_on(hosts: TwoHosts):
+    """The first of the two that guidance has; what was on its way is lost, no more."""
     hosts.shape(**BAD | {"loss": 0.0})
-    assert flows(hosts, GUIDANCE_PORT)
+    listener = ear(hosts, "drone", "px4_bridge", GUIDANCE.key)
+    guiding = voice(hosts, "ground", "guiding_controller", GUIDANCE.key, 100.0, 10.0)
+    time.sleep(2.0)
     hosts.shape(deaf_port=GUIDANCE_PORT)
-    time.sleep(1.5)
+    time.sleep(2.0)
+    assert "drone:drone by 3 of 4 links only" in told(hosts)
+    taken, _ = heard(hosts, listener, guiding)
     hosts.shape(deaf_port=0)
-    assert any(flows(hosts, GUIDANCE_PORT) for _ in range(10))
-    assert flows(hosts, GUIDANCE_PORT), "and stays"
+    seqs = of(taken, GUIDANCE.key, "seq")
+    assert len(seqs) > 900
+    assert len(seqs) / (seqs[-1] - seqs[0] + 1) > 0.95
+    assert max(of(taken, GUIDANCE.key, "age_s")) <= LIVES_s + 0.02
 
 
 @pytest.mark.parametrize("host", ["drone", "ground"])

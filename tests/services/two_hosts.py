@@ -81,7 +81,7 @@ class Radio:
     def answer(self, key: str, reply: Callable[[], bytes]) -> None:
         """Nobody asks the drone."""
 
-    def remotes(self) -> dict[str, str]:
+    def remotes(self) -> dict[str, tuple[str, int]]:
         """Nobody is told."""
         return {}
 

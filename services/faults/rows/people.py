@@ -98,10 +98,10 @@ def people() -> Iterator[Fault]:
         "tangled",
         Group.PERSON,
         "the cable is 0.2 m shorter than believed",
-        Reaction.ANY,
-        0.0,
-        moment=Moment(Phase.READY),
-        watch_s=15.0,
+        Reaction.LAND,
+        1.5,
+        moment=Moment(Phase.ZEROING, 0.0),
+        watch_s=25.0,
         world=_shorter,
     )
 
