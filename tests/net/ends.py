@@ -88,6 +88,17 @@ async def voice(node: Node, topic: Topic[Any], rate_Hz: float, seconds: float, p
             return
 
 
+async def compared(node: Node, topics: list[Topic[Any]]) -> None:
+    """Until the age of what they carry is known: half a second where both gateways run; where not, 3 s and no longer.
+
+    A command that comes before is refused, and rightly.
+    """
+    for _ in range(60):
+        if all(node.hosts.here_ns(topic.publisher, 0) is not None for topic in topics):
+            return
+        await asyncio.sleep(0.05)
+
+
 async def ear(node: Node, topics: list[Topic[Any]], seconds: float, whole: set[str]) -> None:
     """Hear, and print at the end, so that printing delays nothing."""
     heard: list[dict[str, Any]] = []
@@ -100,6 +111,7 @@ async def ear(node: Node, topics: list[Topic[Any]], seconds: float, whole: set[s
             heard.append(entry | ({"said": said.model_dump(mode="json")} if topic.key in whole else {}))
 
     tasks = [asyncio.create_task(hear(topic)) for topic in topics]
+    await compared(node, topics)
     print("listening", flush=True)
     await (asyncio.sleep(seconds) if seconds else asyncio.to_thread(sys.stdin.read))
     for task in tasks:
