@@ -13,10 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from schemas.vehicle import ThrustSource
-from services.config import load_vehicle
+from services.config import load, load_vehicle
 from services.physics import GRAVITY_MPS2
-from services.px4_bridge import telemetry
 from services.px4_bridge.vehicle import MavsdkVehicle
 from services.simulator import autopilot
 from services.simulator.autopilot import STEP_S, Autopilot, Output, Sensors
@@ -29,14 +27,7 @@ SETPOINTS_HZ, POSES_HZ = 125.0, 62.5
 LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 SENSORS = Sensors(np.array([0.1, 0.2, GRAVITY_MPS2]), np.array([0.01, 0.02, 0.03]), LEVEL)
 NOTHING = Output(np.zeros(4), (), ())
-VEHICLE = telemetry.Vehicle(
-    thrust_source=ThrustSource.ACTUATOR_OUTPUTS,
-    max_thrust_N=15.7,
-    motors=4,
-    actuator_min=1000.0,
-    actuator_max=2000.0,
-    connection_timeout_s=3.0,
-)
+VEHICLE = load("demo").px4_bridge.vehicle
 PARAMETERS = Autopilot(
     commander=Commander(check_period_s=0.02, loss_latency_s=0.3, proof_of_life_s=0.2),
     estimator=Estimator(bandwidth_rad_s=12.0, gate_m=0.2, rejection_s=1.5, dead_reckoning_s=4.7, delay_max_s=0.2),

@@ -81,9 +81,11 @@ class CommandedVehicle(Vehicle):
             raise VehicleError(f"{what}: {telecommand.RESULTS.get(result, f'result {result}')} by the autopilot")
 
     async def _shown(self, what: str, is_so: Callable[[VehicleSample], bool]) -> None:
-        """Wait for a state that shows it: acknowledged is not done."""
+        """Wait for a state that shows it: acknowledged is not done, and what was told before proves nothing."""
+        self._told.clear()
         try:
             async with asyncio.timeout(self._answer_s):
+                await self._told.wait()
                 await self._until(lambda: is_so(self.sample))
         except TimeoutError:
             raise VehicleError(f"{what}: acknowledged, but not seen within {self._answer_s:g} s") from None

@@ -5,11 +5,11 @@ import threading
 import time
 from collections.abc import AsyncGenerator, Callable, Generator
 from contextlib import asynccontextmanager, contextmanager
+from dataclasses import replace
 
 import numpy as np
 
-from schemas.vehicle import ThrustSource
-from services.px4_bridge import telemetry
+from services.config import load
 from services.px4_bridge.vehicle import MavsdkVehicle
 from services.simulator.autopilot import STEP_S, Input, Target
 from services.simulator.cascade import Setpoint
@@ -17,14 +17,7 @@ from services.simulator.mavlink import MavlinkLink
 from tests.laws.standin import ABOVE, Standin
 
 PATIENCE_S = 20.0
-VEHICLE = telemetry.Vehicle(
-    thrust_source=ThrustSource.ACTUATOR_OUTPUTS,
-    max_thrust_N=15.7,
-    motors=4,
-    actuator_min=1000.0,
-    actuator_max=2000.0,
-    connection_timeout_s=0.5,
-)
+VEHICLE = replace(load("demo").px4_bridge.vehicle, connection_timeout_s=0.5)
 
 
 class Played:
