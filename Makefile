@@ -10,7 +10,7 @@ demo: .venv/.ready
 test: .venv/.ready
 	$(BIN)/python -m pytest --numprocesses=auto --no-loadscope-reorder
 
-# Real processes broken in flight, one flight after the other; and the whole campaign of faults on virtual time.
+# Real processes broken in flight, one flight after the other; and flights in which nothing breaks and nothing may alarm.
 test-faults: .venv/.ready
 	$(BIN)/python -m pytest -m faults tests
 

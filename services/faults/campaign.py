@@ -28,6 +28,8 @@ from services.rehearsal.quick import quick_config
 
 IDLE_S, FLIGHT_LIMIT_S, NEVER = 1.0, 100.0, float("inf")
 LOOK_S = 0.01
+GIVES_WAY = 5
+"""Niceness of the copies: what flies in real time beside them goes first."""
 Look = Callable[[Fault, Flight, float], None]
 """Called in the copy when it has been watched: for a picture."""
 
@@ -51,6 +53,8 @@ class Copies:
         pid = os.fork()
         if pid:
             self.under_way.add(pid)
+        else:
+            os.nice(GIVES_WAY)
         return pid == 0
 
     def wait(self) -> None:
@@ -146,7 +150,10 @@ async def _broken(fault: Fault, stage: Stage) -> float:
     """From its moment on: the fault, and what follows. Returns when it began: with the person's deed, or at the moment."""
     if fault.deeds:
         stage.behave(fault.deeds)
-        await asyncio.sleep(max(await _taken_s(stage) + fault.deeds[0].start_s - stage.now_s, 0.0))
+        left_s = await _taken_s(stage) + fault.deeds[0].start_s - stage.now_s
+        if left_s < 0.0:
+            raise ValueError(f"{fault.moment} is {-left_s:.2f} s after the deed of {fault.name} should have begun")
+        await asyncio.sleep(left_s)
     begin_s = stage.now_s
     fault.act(stage)
     await asyncio.sleep(fault.watch_s)

@@ -105,6 +105,8 @@ class Stage:
     """Start a service (again)."""
     behave: Callable[[Behaviour], None] = lambda deeds: None
     """What the person will do, from the moment in which they hold the handle."""
+    catch: Callable[[float], None] = lambda by_m: None
+    """The cable becomes shorter by so many m."""
 
     @property
     def now_s(self) -> float:
@@ -172,7 +174,7 @@ def fly(
             runs["recorder"] = _recording(config, record)
 
         async def with_a_person(stage: Stage) -> None:
-            stage.behave = world.behave
+            stage.behave, stage.catch = world.behave, world.catch
             await script(stage)
 
         return await perform(config, with_a_person, bus, clock, vehicle, runs)

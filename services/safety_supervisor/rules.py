@@ -92,6 +92,8 @@ class Facts(NamedTuple):
     """From the force that is felt to the set-point that follows it, on average."""
     cable_short_m: float = 0.0
     """How much nearer to the vehicle the handle is seen than the cable is long."""
+    cable_caught_m: float = 0.0
+    """The same where it carries the handle, which then is in nobody's hand (caught.py)."""
 
 
 @dataclass(frozen=True)
@@ -141,6 +143,7 @@ RULES: tuple[Rule, ...] = (
     Rule("time_of_day",       lambda f, p: f.time_of_day_apart_s > p.time_of_day_apart_max_s, PREPARED, 0.0, Level.EASE, "the two hosts differ in the time of day", "set up chrony (docs/operate.md)"),
     Rule("loop_late",         lambda f, p: f.loop_lag_s > lag.LATE_S,               ENGAGED, 0.0, Level.EASE,  "the force is flown too late",              "stop what else runs on the drone's host"),
     Rule("cable_short",       lambda f, p: f.cable_short_m > CABLE_SHORT_M,         frozenset({Phase.ZEROING}), 0.5, Level.LAND, "the handle hangs higher than the cable is long", "untangle the cable, or mend rest_length_m"),
+    Rule("cable_caught",      lambda f, p: f.cable_caught_m > CABLE_SHORT_M,        frozenset({Phase.READY}), 0.2, Level.LAND, "the cable is caught: the handle hangs high",   "keep off the handle; untangle the cable"),
     Rule("host_stall",        lambda f, p: f.stall_s > p.stall_s,                   ENGAGED, 0.0, Level.EASE,  "this host took the processor away",        "stop what else runs on it"),
 )
 # fmt: on

@@ -26,7 +26,7 @@ from services.config import Config
 from services.physics import Array, dot, norm
 from services.runtime.node import Node, Tick, used
 from services.runtime.readers import Latest
-from services.safety_supervisor import absence, distances, held, lag, phases, rules
+from services.safety_supervisor import absence, caught, distances, held, lag, phases, rules
 from services.safety_supervisor.novelty import Novelty
 from services.safety_supervisor.plan import hall, plan
 from services.safety_supervisor.requests import Requests
@@ -77,10 +77,12 @@ class Senses:
 
 
 class Person(NamedTuple):
-    """What is believed of the person: whether they hold the handle, and which way they face."""
+    """What is believed of the person: whether they hold the handle, which way they face, and what else holds the cable."""
 
     held: held.State
     ahead: Array
+    cable: caught.State = caught.State()
+    caught_m: float = 0.0
 
 
 async def run(node: Node, config: Config) -> None:
@@ -126,22 +128,23 @@ async def run(node: Node, config: Config) -> None:
 
 
 def _observe(person: Person, senses: Senses, dt: float, config: Config) -> Person:
-    """Held or not, and the way the person faces, from what is known now."""
+    """Held or not, caught or not, and the way the person faces, from what is known now."""
     hand, robot, force, sent = senses.handle.value, senses.vehicle.value, senses.force.value, senses.setpoint.value
     if hand is None or robot is None or force is None:
-        return person
-    p_H, p_R = hand.position_m.array(), robot.position_m.array()
+        return person._replace(caught_m=0.0)
     x = held.Input(
-        p_H=p_H,
+        p_H=hand.position_m.array(),
         v_H=hand.velocity_mps.array(),
         seen=hand.source is HandleSource.MOCAP,
-        p_R=p_R,
+        p_R=robot.position_m.array(),
         f_c=force.force_N.array(),
         u_A=sent.u_A_N.array() if sent else np.zeros(3),
     )
-    p = config.safety_supervisor.held
-    state, _ = held.step(person.held, x, dt, config.world.hand_height_m, config.cable.rest_length_m, p)
-    return Person(state, distances.facing(person.ahead, p_R, p_H))
+    p, rest_length_m = config.safety_supervisor.held, config.cable.rest_length_m
+    state, _ = held.step(person.held, x, dt, config.world.hand_height_m, rest_length_m, p)
+    l_c, dl_c = x.p_R - x.p_H, robot.velocity_mps.array() - x.v_H
+    on_it, caught_m = caught.step(person.cable, l_c, dl_c, x.f_c, dt, rest_length_m, p.handle_weight_N)
+    return Person(state, distances.facing(person.ahead, x.p_R, x.p_H), on_it, caught_m if x.seen else 0.0)
 
 
 def _facts(senses: Senses, person: Person, stall_s: float, config: Config) -> Facts:
@@ -188,6 +191,7 @@ def _facts(senses: Senses, person: Person, stall_s: float, config: Config) -> Fa
         time_of_day_apart_s=abs(clock.time_of_day_apart_s) if clock else 0.0,
         loop_lag_s=senses.lag_s,
         cable_short_m=_short_m(senses, config),
+        cable_caught_m=person.caught_m,
     )
 
 

@@ -42,6 +42,11 @@ class Stage:
         """What the person will do, counted from the moment in which they hold the handle."""
         self.params = replace(self.params, behaviour=deeds)
 
+    def catch(self, by_m: float) -> None:
+        """The cable is caught on something, and so much shorter from now on."""
+        cable = replace(self.params.cable, rest_length_m=self.params.cable.rest_length_m - by_m)
+        self.params = replace(self.params, cable=cable)
+
     def step(self, told: Told) -> None:
         """The physics under the pilot's motors, then a sample of the sensors for the pilot."""
         motors, v_before = self._pilot.motors(), self.world.robot.v_W

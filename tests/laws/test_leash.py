@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from schemas.safety import Permit
@@ -61,6 +61,7 @@ def test_where_the_cable_pulls_a_hand_seen_near_is_not_believed():
 
 @pytest.mark.parametrize("permit", [Permit.EASE, Permit.HOLD])
 @given(heading=st.floats(-np.pi, np.pi), speed=st.floats(0.0, 0.6))
+@settings(max_examples=30)  # flights of 6 s
 def test_backed_off_the_cable_stays_slack_however_the_person_walks(permit, heading, speed):
     """Only as long as it takes to follow is it shorter of slack; at rest it has all of it."""
     state, hand = guided(ZERO), HAND.copy()

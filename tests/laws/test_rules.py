@@ -92,6 +92,7 @@ CASES: dict[str, tuple[str, object, object, set[str]]] = {
     "battery_empty": ("battery_fraction", 0.16, 0.14, {"battery_low"}),
     "loop_late": ("loop_lag_s", 0.039, 0.041, set()),
     "cable_short": ("cable_short_m", 0.079, 0.081, set()),
+    "cable_caught": ("cable_caught_m", 0.079, 0.081, set()),
     "host_stall": ("stall_s", 0.09, 0.11, set()),
 }
 each_rule = pytest.mark.parametrize("name", NAMES)
@@ -104,7 +105,7 @@ def broken(name: str) -> Facts:
 
 def home(rule: Rule) -> Phase:
     """A flying phase in which the rule counts."""
-    return next(p for p in (Phase.GUIDING, Phase.TAKEOFF, Phase.ZEROING) if p in rule.phases)
+    return next(p for p in (Phase.GUIDING, Phase.TAKEOFF, Phase.ZEROING, Phase.READY) if p in rule.phases)
 
 
 def watch(
@@ -218,7 +219,7 @@ def test_the_gravest_comes_first(phase: Phase) -> None:
 
 
 def test_everything_is_watched_while_a_person_is_on_the_cable() -> None:
-    before = {"cable_short"}  # and not when a hand may lift the handle
+    before = {"cable_short", "cable_caught"}  # while nobody pulls
     assert set(watch(WORST, 3.0, Phase.GUIDING)[1]) == set(NAMES) - before
     assert all(rule.phases & ENGAGED or rule.phases <= FLYING | {Phase.IDLE} for rule in RULES)
 
@@ -248,6 +249,7 @@ FACTS = st.builds(
     stall_s=st.floats(0.0, 0.3),
     loop_lag_s=st.floats(0.0, 0.1),
     cable_short_m=st.floats(-0.2, 0.2),
+    cable_caught_m=st.floats(-0.2, 0.2),
 )
 SMALL_IS_BAD = {"head_clearance_m", "hand_clearance_m", "battery_fraction", "offboard", "tank_scale"}
 

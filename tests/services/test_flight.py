@@ -138,24 +138,6 @@ def worst_pull_after(flight: Flight, t_s: float) -> float:
     return float(np.max(np.linalg.norm(vectors(after, "hand_force_N"), axis=1)))
 
 
-@pytest.mark.parametrize("service", ["force_estimator", "guiding_controller", "safety_supervisor", "tracker"])
-def test_a_service_that_dies_leaves_no_pull(service):
-    """While the person walks, one service falls silent; a second later nothing pulls, and it never pulled harder."""
-    died = []
-
-    async def script(stage: Stage) -> None:
-        await until_guiding(stage, for_s=3.0)
-        stage.tasks.pop(service).cancel()
-        died.append(stage.operator.clock.now_ns() * 1e-9)
-        await asyncio.sleep(2.5)
-
-    flight = fly(quick_config(), script)
-    (t,) = died
-    assert worst_pull_after(flight, t - 0.5) > 0.8, "nothing was pulling"
-    assert worst_pull_after(flight, t) < 2.5
-    assert worst_pull_after(flight, t + 1.5) < 0.3
-
-
 def test_a_person_who_lets_go_is_not_left_behind_by_a_runaway():
     config = quick_config()
     lets_go = replace(config.person, behaviour=(Event(kind=Kind.LET_GO, start_s=6.0),))

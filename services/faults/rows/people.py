@@ -6,12 +6,16 @@ from typing import Any
 
 from schemas.safety import Phase
 from services.config import Config
-from services.faults.fault import Fault, Group, Moment, Reaction
+from services.faults.fault import GUIDING, Fault, Group, Moment, Reaction
+from services.faults.rows.common import later
+from services.rehearsal.chain import Stage
 from services.simulator.human import Event, Kind
 
 TOLD = Moment(Phase.READY, 0.0)
 """The person has just been told to take the handle."""
 DEED_S = 7.0
+"""A moment after the other faults of the guided walk begin."""
+CAUGHT_M, WINDS_S, TURNS = 0.2, 1.0, 100
 RUNS = dict.fromkeys(("tip_hand", "tip_head", "calm"), "the person runs faster than the vehicle may fly")
 DRAGS = dict.fromkeys(("tip_head", "calm"), "the hand drags the vehicle down beside a head that stays where it was")
 
@@ -23,7 +27,7 @@ def people() -> Iterator[Fault]:
         exempt: dict[str, str] = event.pop("exempt", {})
         deeds = (Event(start_s=DEED_S, **event),)
         return Fault(
-            name, Group.PERSON, about, reaction, within_s, moment=TOLD, watch_s=watch_s, deeds=deeds, exempt=exempt
+            name, Group.PERSON, about, reaction, within_s, moment=GUIDING, watch_s=watch_s, deeds=deeds, exempt=exempt
         )
 
     yield deed("lets_go", "the person opens the hand", Reaction.LET_GO, 0.4, kind=Kind.LET_GO)
@@ -92,6 +96,7 @@ def people() -> Iterator[Fault]:
     )
     yield replace(
         deed("lifts_the_hand_at_the_start", "the hand rises by 0.7 m at 0.7 m/s under the vehicle", Reaction.ANY, 0.0, kind=Kind.RAISE, rise_m=0.7, speed_mps=0.7),
+        moment=TOLD,
         deeds=(Event(start_s=1.2, kind=Kind.RAISE, rise_m=0.7, speed_mps=0.7),),
     )  # fmt: skip
     yield Fault(
@@ -104,8 +109,33 @@ def people() -> Iterator[Fault]:
         watch_s=25.0,
         world=_shorter,
     )
+    yield Fault(
+        "tangled_before_it_is_taken",
+        Group.PERSON,
+        "the cable is caught with nobody at the handle: 0.2 m shorter within 1 s",
+        Reaction.LAND,
+        1.5,
+        _winds,
+        TOLD,
+        watch_s=8.0,
+    )
+    yield Fault(
+        "tangled_in_the_walk",
+        Group.PERSON,
+        "the cable winds round something: 0.2 m shorter within 1 s",
+        Reaction.EASE,
+        0.8,
+        _winds,
+        watch_s=8.0,
+        exempt={"calm": "it goes on winding after the vehicle has backed off"},
+    )
+
+
+def _winds(stage: Stage) -> None:
+    for n in range(TURNS):
+        later(n * WINDS_S / TURNS, lambda: stage.catch(CAUGHT_M / TURNS))
 
 
 def _shorter(config: Config) -> Config:
-    cable = replace(config.cable, rest_length_m=config.cable.rest_length_m - 0.2)
+    cable = replace(config.cable, rest_length_m=config.cable.rest_length_m - CAUGHT_M)
     return config.model_copy(update={"cable": cable})
