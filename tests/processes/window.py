@@ -8,7 +8,7 @@ from typing import Any
 from schemas.safety import Level, Phase
 from schemas.topics import SAFETY_STATE, SETPOINT, TRUTH, VEHICLE_STATE
 from schemas.vehicle import FlightMode, SetpointKind
-from services.faults.measure import _pull_N as pull_N
+from services.faults.record import pull_N
 from services.physics import norm
 
 SLACK = (SetpointKind.EASE, SetpointKind.HOLD)
