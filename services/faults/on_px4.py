@@ -38,7 +38,7 @@ def campaign(faults: Sequence[Fault], config: Config, folder: Path, look: Look |
 
 
 def _flown(fault: Fault, config: Config, look: Look | None) -> Result:
-    shutil.rmtree(config.session_dir, ignore_errors=True)  # PX4 keeps parameters in it, those of a fault too
+    shutil.rmtree(Path(config.session_dir) / "px4", ignore_errors=True)  # where parameters stay, a fault's too
     try:
         flight, begin_s = alone(fault, config, px4_flight.fly)
     except Exception:

@@ -9,11 +9,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from schemas.safety import Permit, Phase
 from schemas.topics import ROBOT_POSE, SAFETY_STATE, SETPOINT, TRUTH, VEHICLE_IMU, VEHICLE_STATE
 from schemas.vehicle import FlightMode
-from services.faults import on_px4
+from services.console.cli import app
+from services.faults import on_px4, report
 from services.faults.catalogue import named
 from services.recorder import reading, summary
 from services.rehearsal import px4_flight
@@ -121,8 +123,26 @@ def test_a_fault_of_the_campaign_leads_to_what_it_must(tmp_path, name):
     assert fault is not None
     (result,) = on_px4.campaign([fault], px4_chain.px4_config(tmp_path), tmp_path)
     assert result.ok, (result.broken, result.reasons)
-    assert not result.exempt
     assert result.pull_before_N > 0.8, "nothing was pulling"
+
+
+def test_the_campaign_writes_its_table_and_says_what_was_not_flown(tmp_path, monkeypatch):
+    """As typed; of the faults two, the quickest."""
+    chosen = (named("offboard_refused"), named("arming_denied"))
+    monkeypatch.setattr(on_px4, "one_of_each", lambda: chosen)
+    document = tmp_path / "safety.md"
+    document.write_text("before\n" + "\n".join(report.PX4_TABLE) + "\nafter\n")
+    pictures = tmp_path / "pictures"
+    words = ["faults", "all", "--profile", "px4-sitl", "--into", str(document), "--pictures", str(pictures)]
+    ended = CliRunner().invoke(app, words)
+    assert ended.exit_code == 0, ended.output
+    assert "1/2 offboard_refused: not flown: " in ended.output
+    assert "2/2 arming_denied: kept" in ended.output
+    assert "2 faults, 1 not flown, 0 with a broken promise" in ended.output
+    before, *rows, after = document.read_text().splitlines()
+    assert (before, after) == ("before", "after")
+    assert [row.split("|")[1].strip() for row in rows[3:-1]] == ["offboard_refused", "arming_denied"]
+    assert [file.name for file in pictures.iterdir()] == ["arming_denied.png"]
 
 
 def test_after_a_loss_of_set_points_it_lands_and_is_not_flown_again(tmp_path):
