@@ -14,13 +14,11 @@ The path lies in the plane z = Path.z_m, the height of the hand (the paper's z =
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
-from services.guiding_controller.spline import Cubic
+from services.guiding_controller.spline import Cubic, not_a_knot
 from services.parameters import Fraction, Positive, parameters
 from services.physics import Array, Row, Scalar, at_least, clamp, components, dot, scalar, vector
 
@@ -112,9 +110,10 @@ def through(
     chord = np.hypot(*np.diff(w, axis=0).T)
     if np.min(chord) < 1e-6:
         raise ValueError(f"waypoints_m: points {np.argmin(chord)} and {np.argmin(chord) + 1} are the same")
-    xy: Any = CubicSpline(np.append(0.0, np.cumsum(chord)) / np.sum(chord), w, bc_type="not-a-knot")
+    knots = np.append(0.0, np.cumsum(chord)) / np.sum(chord)
+    xy = Cubic(knots, w, not_a_knot(knots, w))
     length_m, u_of_s = _by_arc_length(xy)
-    samples = np.asarray(xy(u_of_s(GRID)))
+    samples, _ = xy.sampled(u_of_s.sampled(GRID)[0][:, 0])
     path = Path(
         name=name,
         waypoints_m=w,
@@ -123,8 +122,8 @@ def through(
         samples_m=samples,
         force=force,
         obstacles=obstacles,
-        xy_of_u=Cubic(xy),
-        u_of_s=Cubic(u_of_s),
+        xy_of_u=xy,
+        u_of_s=u_of_s,
         radius_min_m=np.inf,
     )
     return replace(path, radius_min_m=1.0 / max(float(np.max(np.abs(path.curvature(FINE)))), 1e-9))
@@ -192,7 +191,7 @@ def _newton_step(s: Scalar, x: Scalar, y: Scalar, path: Path) -> tuple[Scalar, S
     return step, r_x * r_x + r_y * r_y
 
 
-def _by_arc_length(xy: Any) -> tuple[float, Any]:
+def _by_arc_length(xy: Cubic) -> tuple[float, Cubic]:
     """Length in m and u(s): 5-point Gauss on 1000 pieces, then a Hermite spline with the exact slopes du/ds.
 
     The spline is made again on knots that are even in s, which are quicker to find one's place among.
@@ -200,14 +199,15 @@ def _by_arc_length(xy: Any) -> tuple[float, Any]:
     nodes, weights = np.polynomial.legendre.leggauss(5)
     u = np.linspace(0.0, 1.0, 1001)
     inner = u[:-1, None] + 0.5 * (nodes + 1.0) * u[1]
-    speed = np.hypot(*np.moveaxis(np.asarray(xy(inner, 1)), -1, 0))
+    speed = np.hypot(*np.moveaxis(xy.sampled(inner)[1], -1, 0))
     arc = np.append(0.0, np.cumsum(dot(speed, weights)) * 0.5 * u[1])
     length = float(arc[-1])
     even = np.linspace(0.0, 1.0, len(u))
-    u = np.clip(CubicHermiteSpline(arc / length, u, _slope(xy, u, length))(even), 0.0, 1.0)
-    return length, CubicHermiteSpline(even, u, _slope(xy, u, length))
+    uneven, _ = Cubic(arc / length, u[:, None], _slope(xy, u, length)).sampled(even)
+    u = np.clip(uneven[:, 0], 0.0, 1.0)
+    return length, Cubic(even, u[:, None], _slope(xy, u, length))
 
 
-def _slope(xy: Any, u: Array, length_m: float) -> Array:
-    """du/ds."""
-    return length_m / np.hypot(*np.asarray(xy(u, 1)).T)
+def _slope(xy: Cubic, u: Array, length_m: float) -> Array:
+    """du/ds, (N, 1)."""
+    return (length_m / np.hypot(*xy.sampled(u)[1].T))[:, None]

@@ -87,6 +87,11 @@ def test_a_service_is_named_like_its_module(name):
     assert list(inspect.signature(run).parameters) == ["node", "config"]
 
 
+def test_no_service_waits_for_scipy_or_matplotlib_to_start():
+    """Scipy was a third of a service's start, and one that was killed is waited for in flight."""
+    assert not imported_by("services.console.cli", *map(module_of, SERVICES)) & {"scipy", "matplotlib"}
+
+
 def test_what_is_run_again_multiplies_without_blas():
     """Its kernels, and so the last bits, are chosen by the processor: a rerun elsewhere would differ. See physics.dot."""
     ran = [file for folder in set(LAW_FOLDERS) & set(RERUN) for file in (ROOT / "services" / folder).glob("*.py")]

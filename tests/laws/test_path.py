@@ -15,6 +15,7 @@ from scipy.optimize import brentq, minimize_scalar
 from services.guiding_controller import guiding
 from services.guiding_controller.path import Path, Trapezoid, project, through
 from services.guiding_controller.path_file import check, read
+from services.guiding_controller.spline import Cubic, not_a_knot
 from services.physics import Array, norm
 from tests.laws import ideal
 from tests.laws.strategies import vectors
@@ -81,6 +82,17 @@ def test_the_files_paths_are_by_arc_length_to_a_millionth(name: str) -> None:
         )
         arc = quad(lambda u: float(np.hypot(*spline(u, 1))), 0.0, nearest.x, epsabs=1e-10, limit=200)[0]
         assert arc / path.length_m == pytest.approx(s, abs=1e-6)
+
+
+@given(st.lists(st.tuples(st.floats(0.2, 2.0), st.floats(-1.0, 1.0)), min_size=3, max_size=9))
+def test_the_spline_is_scipys_to_rounding(steps: list[tuple[float, float]]) -> None:
+    knots, values = np.cumsum([step for step, _ in steps]), np.array([(y, y * y - step) for step, y in steps])
+    ours, scipys = Cubic(knots, values, not_a_knot(knots, values)), CubicSpline(knots, values, bc_type="not-a-knot")
+    u = np.linspace(knots[0], knots[-1], 50)
+    for found, right in zip(ours.sampled(u), (scipys(u), scipys(u, 1)), strict=True):
+        assert found == pytest.approx(right, rel=1e-9, abs=1e-9)
+    first = [row[:2] for row in ours.at(float(u[7]))]
+    assert np.transpose(first) == pytest.approx(np.array([scipys(u[7]), scipys(u[7], 1)]), rel=1e-9, abs=1e-9)
 
 
 @given(SHAPE, st.floats(0.001, 0.999))
