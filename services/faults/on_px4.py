@@ -15,8 +15,9 @@ from services.faults.measure import Result
 from services.rehearsal import px4_flight
 from services.rehearsal.quick import quicker
 
-UNNOTICED, NOTICED = ("in disorder", "restarted"), ("px4_bridge restarted",)
-"""Where nothing follows, and what comes back after its death: to the autopilot it is as if nothing had broken, or had died."""
+UNNOTICED = ("in disorder", "stands still", "restarted")
+NOTICED = ("px4_bridge stands still", "px4_bridge restarted")
+"""Where nothing follows, or a service comes back: the autopilot sees nothing, or what it sees where the service died."""
 
 
 def one_of_each() -> tuple[Fault, ...]:

@@ -1,6 +1,7 @@
 """What the campaign on PX4 does without a PX4: which faults, what is said of them, and what a user is told."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
@@ -26,8 +27,9 @@ def test_one_of_each_family_is_flown_in_the_guided_walk_where_it_has_one_there()
     families = [fault.family for fault in chosen]
     left = {fault.family for fault in every()} - set(families)
     assert len(set(families)) == len(families) > 45
-    assert len(left) == 9
-    assert all(family.endswith(("in disorder", "restarted")) for family in left)
+    assert len(left) == 13
+    assert all(family.endswith(("in disorder", "stands still", "restarted")) for family in left)
+    assert not [family for family in left if family.startswith("px4_bridge")]
     there = {fault.family for fault in every() if fault.moment is GUIDING}
     assert len(there) > 40
     assert all(fault.moment is GUIDING for fault in chosen if fault.family in there)
@@ -70,6 +72,18 @@ def test_later_than_that_is_broken_and_not_excused():
     measured = replace(measure.not_flown(fault, ""), reaction_s=3.5, broken=("land after 3.50 s, promised 3 s",))
     assert on_px4.excused(fault, measured).broken == measured.broken
     assert not on_px4.excused(fault, measured).exempt
+
+
+def test_the_table_on_px4_in_the_documentation_is_of_this_catalogue():
+    begin, end = report.PX4_TABLE
+    text = (Path(__file__).parents[2] / "docs/safety.md").read_text()
+    block = text.split(begin)[1].split(end)[0].strip().splitlines()
+    assert tuple(block[:2]) == report.HEAD
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in block[2:]]
+    chosen = on_px4.one_of_each()
+    assert [row[0] for row in rows] == [fault.family for fault in chosen]
+    assert [row[1] == "0" for row in rows] == [bool(fault.on_px4.not_flown) for fault in chosen]
+    assert report.insert(text, block, report.PX4_TABLE) == text
 
 
 @pytest.mark.parametrize(
