@@ -30,6 +30,7 @@ from services.config import Config, load
 from services.physics import Array, norm
 from services.px4_bridge import admittance
 from services.recorder import reading, summary
+from services.rehearsal import px4_flight
 from services.rehearsal.quick import quicker
 from services.simulator import tethered
 from services.simulator.autopilot import STEP_S
@@ -65,7 +66,7 @@ def flights(seeds: Sequence[int]) -> list[tuple[str, ...]]:
 def _flight(seed: int) -> tuple[str, ...]:
     with tempfile.TemporaryDirectory() as folder:
         began = time.monotonic()
-        px4_chain.fly(px4_chain.px4_config(Path(folder), seed), px4_chain.whole)
+        px4_flight.fly(px4_chain.px4_config(Path(folder), seed), px4_flight.whole)
         wall_s = time.monotonic() - began
         session = reading.read(Path(folder) / "session.mcap")
         result: dict[str, Any] = json.loads(summary.summarise(session).to_json())

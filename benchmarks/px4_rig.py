@@ -21,11 +21,11 @@ from services.force_estimator import observer
 from services.physics import GRAVITY_MPS2, Array, Z, conjugate, rotate
 from services.px4_bridge import admittance, setpoint, telecommand
 from services.px4_bridge.admittance import Admittance, Command
+from services.rehearsal.px4_vehicle import Px4Vehicle
 from services.simulator import imu, px4_process, quadrotor
 from services.simulator.autopilot import STEP_S, Sensors
 from services.simulator.px4_hil import Px4Hil
 from services.simulator.quadrotor import QuadrotorState
-from tests.services.px4_vehicle import Px4Vehicle
 
 Force = Callable[[QuadrotorState], Array]
 PHYSICS_STEPS, SETPOINT_STEPS, POSE_STEPS, ORDER_STEPS = 4, 2, 4, 125

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from services.console import cli_calibrate, cli_faults, cli_sessions
+from services.console.options import Profile, Px4
 
 app = typer.Typer(
     no_args_is_help=True, add_completion=False, help="Clew guides a person by the hand with a tethered drone."
@@ -15,9 +16,6 @@ app = typer.Typer(
 app.add_typer(cli_sessions.app)
 app.add_typer(cli_calibrate.app)
 app.add_typer(cli_faults.app, name="faults")
-
-Profile = Annotated[str, typer.Option(help="a name in deploy/profiles, or a file")]
-Px4 = Annotated[str, typer.Option(help="PX4's program for a profile that simulates with it", envvar="PX4_BIN")]
 
 
 @app.command()

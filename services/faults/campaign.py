@@ -6,6 +6,7 @@ faults cost little more than the seconds after them. Faults that are there from 
 
 import asyncio
 import gc
+import itertools
 import logging
 import os
 import pickle
@@ -20,13 +21,18 @@ from pathlib import Path
 
 from schemas.safety import Action, Phase
 from schemas.topics import SAFETY_STATE, TRUTH
+from services.config import Config
 from services.faults import measure
 from services.faults.fault import Fault, Moment
 from services.faults.measure import Result
-from services.rehearsal.chain import Flight, Stage, fly
-from services.rehearsal.quick import quick_config
+from services.faults.record import NEVER
+from services.rehearsal import chain
+from services.rehearsal.chain import Flight, Fly, Stage
+from services.rehearsal.quick import quick_config, quicker
 
-IDLE_S, FLIGHT_LIMIT_S, NEVER = 1.0, 100.0, float("inf")
+IDLE_S, ASK_S, FLIGHT_LIMIT_S = 1.0, 0.5, 100.0
+FIRST_START = 100
+"""Of the numbers that requests to start bear, apart from those of the rows."""
 LOOK_S = 0.01
 GIVES_WAY = 5
 """Niceness of the copies: what flies in real time beside them goes first."""
@@ -91,15 +97,18 @@ def unremarked() -> Generator[None]:
         logging.disable(logging.NOTSET)
 
 
-def campaign(faults: Sequence[Fault], jobs: int = 2, look: Look | None = None) -> list[Result]:
+def campaign(
+    faults: Sequence[Fault], jobs: int = 2, look: Look | None = None, config: Config | None = None
+) -> list[Result]:
     """The results of `faults`, in their order; what could not be flown is a broken promise."""
+    config = quicker(config) if config else quick_config()
     with tempfile.TemporaryDirectory() as folder, unremarked():
         copies = Copies(jobs, Path(folder), look)
         if together := [fault for fault in faults if not fault.alone]:
-            fly(quick_config(), lambda stage: _reach(stage, together, lambda due: _in_copies(stage, due, copies)))
+            chain.fly(config, lambda stage: _reach(stage, together, lambda due: _in_copies(stage, due, copies)))
         for fault in (fault for fault in faults if fault.alone):
             if copies.make():
-                copies.end(fault, lambda fault=fault: alone(fault))
+                copies.end(fault, lambda fault=fault: alone(fault, config))
         while copies.under_way:
             copies.wait()
         return [_result(copies.folder, fault) for fault in faults]
@@ -121,6 +130,7 @@ async def _reach(stage: Stage, faults: Sequence[Fault], begin: Callable[[list[Fa
     for fault in faults:
         waiting.setdefault(fault.moment, []).append(fault)
     entered: dict[Phase, float] = {}
+    asked, asked_s = itertools.count(FIRST_START), 0.0
     async with asyncio.timeout(FLIGHT_LIMIT_S):
         async for state in stage.operator.stream(SAFETY_STATE):
             entered.setdefault(state.phase, stage.now_s)
@@ -128,8 +138,9 @@ async def _reach(stage: Stage, faults: Sequence[Fault], begin: Callable[[list[Fa
                 await begin(waiting.pop(moment))
             if not waiting:
                 return
-            if state.phase is Phase.IDLE and stage.now_s >= entered[Phase.IDLE] + IDLE_S:
-                stage.ask(Action.START)
+            if state.phase is Phase.IDLE and stage.now_s >= max(entered[Phase.IDLE] + IDLE_S, asked_s + ASK_S):
+                asked_s = stage.now_s  # a vehicle is ready when it is ready
+                stage.ask(Action.START, next(asked))
 
 
 async def _in_copies(stage: Stage, faults: list[Fault], copies: Copies) -> None:
@@ -160,9 +171,9 @@ async def _broken(fault: Fault, stage: Stage) -> float:
     return begin_s
 
 
-def alone(fault: Fault) -> tuple[Flight, float]:
+def alone(fault: Fault, config: Config | None = None, fly: Fly = chain.fly) -> tuple[Flight, float]:
     """A flight of its own from the start, and when the fault began in it."""
-    config, begun = quick_config(), list[float]()
+    config, begun = config or quick_config(), list[float]()
 
     async def script(stage: Stage) -> None:
         async def here(_: list[Fault]) -> None:

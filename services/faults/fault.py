@@ -49,6 +49,19 @@ GUIDING = Moment(Phase.GUIDING, 3.0)
 
 
 @dataclass(frozen=True)
+class OnPx4:
+    """What is otherwise where real PX4 flies, with the reason."""
+
+    not_flown: str = ""
+    """Why PX4 cannot be made to do it; empty where it can."""
+    late_s: float = 0.0
+    """By so much it may react later."""
+    late: str = ""
+    exempt: dict[str, str] = field(default_factory=dict[str, str])
+    """Limits that it does not keep, besides those that nothing can."""
+
+
+@dataclass(frozen=True)
 class Fault:
     """A row of the campaign. `act` is done at the moment, or with a person's first deed; a wrong world is so from the start."""
 
@@ -67,6 +80,7 @@ class Fault:
     exempt: dict[str, str] = field(default_factory=dict[str, str])
     """Limits that no software can keep here, each with the reason; measured and shown all the same."""
 
+    on_px4: OnPx4 = OnPx4()
     family: str = ""
     """What faults that are alike have in common; they share a row in the documentation."""
 

@@ -7,11 +7,15 @@ import numpy as np
 from rich.table import Table
 
 from services.faults.fault import Fault
-from services.faults.measure import CALM_N, FORCE_N, NEVER, TIP_M, Record, Result
+from services.faults.measure import Result
+from services.faults.promises import CALM_N, FORCE_N, TIP_M
+from services.faults.record import NEVER, Record
 from services.physics import norm
 from services.rehearsal.chain import Flight
 
-BEGIN, END = "<!-- clew faults: begin -->", "<!-- clew faults: end -->"
+TABLE = ("<!-- clew faults: begin -->", "<!-- clew faults: end -->")
+PX4_TABLE = ("<!-- clew faults on px4: begin -->", "<!-- clew faults on px4: end -->")
+"""Between what the tables of the documentation are."""
 HEAD = (
     "| fault | runs | must lead to | promised s | measured s | commanded N | pull after it N | tip to hand m | tip to head m | kept |",
     "|---|---|---|---|---|---|---|---|---|---|",
@@ -34,7 +38,7 @@ def table(results: Iterable[Result]) -> Table:
         "verdict",
     )
     for r in results:
-        verdict = "[green]kept[/]" if r.ok else f"[red]{'; '.join(r.broken)}[/]"
+        verdict = f"[{'dim' if r.not_flown else 'green' if r.ok else 'red'}]{r.verdict}[/]"
         if r.exempt:
             verdict += f" [dim]but: {'; '.join(r.exempt)}[/]"
         shown.add_row(
@@ -65,6 +69,8 @@ def _row(family: list[tuple[Fault, Result]]) -> str:
     fault, results = family[0][0], [result for _, result in family]
     timed = [r for r in results if r.within_s] or results
     worst = max(timed, key=lambda r: r.reaction_s / r.within_s if r.within_s else 0.0)
+    if left := [r.not_flown for r in results if r.not_flown]:
+        return f"| {fault.family} | 0 | {worst.reaction} | {_promised(worst.within_s)} {'| - ' * 5}| not flown: {left[0]} |"
     cells = (
         fault.family,
         str(len(results)),
@@ -85,13 +91,14 @@ def _kept(results: Sequence[Result]) -> str:
     return "**no**: " + broken[0] if broken else "yes, but see below" if exempt else "yes"
 
 
-def insert(text: str, lines: Sequence[str]) -> str:
+def insert(text: str, lines: Sequence[str], place: tuple[str, str] = TABLE) -> str:
     """`text` with `lines` between the markers. Raises ValueError where it has none."""
-    before, found, rest = text.partition(BEGIN)
-    _, closed, after = rest.partition(END)
+    begin, end = place
+    before, found, rest = text.partition(begin)
+    _, closed, after = rest.partition(end)
     if not found or not closed:
-        raise ValueError(f"no {BEGIN} and {END} in it")
-    return "\n".join([before + BEGIN, *lines, END + after])
+        raise ValueError(f"no {begin} and {end} in it")
+    return "\n".join([before + begin, *lines, end + after])
 
 
 def _promised(within_s: float) -> str:
@@ -138,11 +145,15 @@ def picture(fault: Fault, flight: Flight, begin_s: float, folder: Path) -> None:
             (r.sent_s, [m.kind for m in r.sent]),
             (r.state_s, [m.phase for m in r.states]),
             (r.state_s, [m.level.name.lower() for m in r.states]),
+            _in_steps(r),
         )
     ):
         _words(words, row, times, said)
     words.set(
-        yticks=range(3), yticklabels=["set-points", "phase", "level"], ylim=(2.6, -0.6), xlabel="s after the fault"
+        yticks=range(4),
+        yticklabels=["set-points", "phase", "level", "autopilot"],
+        ylim=(3.6, -0.6),
+        xlabel="s after the fault",
     )
     for axes, unit in ((force, "N"), (distance, "m"), (height, "m")):
         axes.set_ylabel(unit)
@@ -151,6 +162,12 @@ def picture(fault: Fault, flight: Flight, begin_s: float, folder: Path) -> None:
         axes.axvline(0.0, color="black", lw=0.8)
     force.set(title=f"{fault.name}: {fault.about}", xlim=(-1.5, fault.watch_s))
     figure.savefig(folder / f"{fault.name}.png", dpi=90)  # pyright: ignore[reportUnknownMemberType]
+
+
+def _in_steps(r: Record) -> tuple[np.ndarray, list[str]]:
+    """The autopilot's mode, which is told where it changes, until the end."""
+    words = [mode.value if armed else "disarmed" for _, mode, armed in r.modes]
+    return np.array([*(t for t, _, _ in r.modes), r.truth_s[-1]]), [*words, *words[-1:]]
 
 
 def _words(axes: object, row: int, times: np.ndarray, said: Sequence[object]) -> None:

@@ -75,7 +75,7 @@ def our_time(asked: Fields, now_ns: int) -> Fields:
 
 def origin() -> Fields:
     """SET_GPS_GLOBAL_ORIGIN: some place on earth."""
-    return {"latitude": 473_977_419, "longitude": 85_455_938, "altitude": 488_000, "time_usec": 0}
+    return {"latitude": 473_977_419, "longitude": 85_455_938, "altitude": 0, "time_usec": 0}
 
 
 def command(number: int, *parameters: float) -> Fields:

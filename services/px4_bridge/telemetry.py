@@ -213,13 +213,13 @@ class Telemetry:
 
     def _take_heartbeat(self, fields: Fields, _arrival_ns: int) -> None:
         self._take_mode(fields, _arrival_ns)
-        self._armed = bool(fields["base_mode"] & _ARMED)
+        self._armed = is_armed(fields)
         self.checks = self.checks._replace(autopilot=fields.get("autopilot", 0), vehicle_type=fields.get("type", 0))
         self.heartbeats += 1
 
     def _take_mode(self, fields: Fields, _arrival_ns: int) -> None:
         """A heartbeat comes once a second; where there is CURRENT_MODE it tells a change at once."""
-        self._mode = _MODES.get(fields["custom_mode"], FlightMode.OTHER)
+        self._mode = mode_of(fields)
         self.statuses += 1
 
     def _take_landed_state(self, fields: Fields, _arrival_ns: int) -> None:
@@ -283,3 +283,13 @@ class Telemetry:
 
 def _three(fields: Fields, x: str, y: str, z: str) -> tuple[float, float, float]:
     return fields[x], fields[y], fields[z]
+
+
+def mode_of(heartbeat: Fields) -> FlightMode:
+    """The mode in a HEARTBEAT or CURRENT_MODE."""
+    return _MODES.get(heartbeat["custom_mode"], FlightMode.OTHER)
+
+
+def is_armed(heartbeat: Fields) -> bool:
+    """What a HEARTBEAT says of it."""
+    return bool(heartbeat["base_mode"] & _ARMED)

@@ -7,7 +7,7 @@ from collections import defaultdict
 from collections.abc import Awaitable, Callable, Coroutine, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 from schemas.safety import Action, OperatorRequest, Phase, SafetyState
 from schemas.topics import BY_KEY, OPERATOR, REQUEST, SAFETY_STATE, TOPICS
@@ -147,6 +147,14 @@ class Stage:
 
 
 Script: TypeAlias = Callable[[Stage], Awaitable[object]]
+
+
+class Fly(Protocol):
+    """A flight of the whole system, on the stand-in or on PX4."""
+
+    def __call__(self, config: Config, script: Script, *, configs: Mapping[str, Config] | None = None) -> Flight:
+        """As `fly` below."""
+        ...
 
 
 def fly(

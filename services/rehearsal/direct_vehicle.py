@@ -7,19 +7,20 @@ come with every step, so that orders are seen at once.
 
 import asyncio
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from schemas import frames
-from schemas.vehicle import ThrustSource
+from schemas.vehicle import FlightMode, ThrustSource
 from services.px4_bridge import telecommand, telemetry
-from services.px4_bridge.commanded import CommandedVehicle
 from services.px4_bridge.vehicle_protocol import VehicleError
+from services.rehearsal.rehearsed_vehicle import Messages, RehearsedVehicle
 from services.simulator import mavlink_orders
 from services.simulator.autopilot import Answer, AutopilotState, Input, Output, Pose, Sensors, Target
 from services.simulator.cascade import Setpoint
-from services.simulator.commander import Ack, Mode, Request, SetOrigin, SetParameter
+from services.simulator.commander import Ack, Request, SetOrigin, SetParameter
 from services.simulator.mavlink_streams import (
     CUSTOM_MODE,
     PREARM,
@@ -33,12 +34,8 @@ from services.simulator.mavlink_streams import (
 
 Array = NDArray[np.float64]
 
-UNREAD_S = 0.02
-Messages = list[tuple[str, telemetry.Fields]]
-Garble = Callable[[Messages], Messages]
 
-
-class DirectVehicle(CommandedVehicle):
+class DirectVehicle(RehearsedVehicle):
     """Both ends at once: hand it to `px4_bridge.service.fly` and to `simulator.service.play`."""
 
     def __init__(self, p: telemetry.Vehicle, now_ns: Callable[[], int], delay_s: float = 0.0) -> None:
@@ -51,19 +48,8 @@ class DirectVehicle(CommandedVehicle):
         self._steps = 0
         self.setpoints: list[Setpoint] = []
         """All set-points that were sent."""
-        self.sent_ns: list[int] = []
-        """When each was."""
-        self.modes: list[tuple[int, Mode, bool]] = []
-        """The autopilot's mode and whether it is armed, from when on."""
-        self.cut = False
-        """While true nothing passes, in either direction."""
-        self.garble: Garble = lambda messages: messages
-        """What happens to the autopilot's messages on their way."""
         self.refuses: tuple[type[Request], ...] = ()
         """Requests that the autopilot denies."""
-        self._going = asyncio.Event()
-        self._going.set()
-        self._unread: list[tuple[Messages, Output]] = []
 
     # The autopilot's side.
 
@@ -74,39 +60,15 @@ class DirectVehicle(CommandedVehicle):
     def send(self, state: AutopilotState, sensors: Sensors, output: Output) -> None:
         self._steps += 1
         messages = self.garble(_messages(state, sensors, self._steps, self._p))
-        told = (state.commander.mode, state.commander.armed)
-        if not self.modes or self.modes[-1][1:] != told:
-            self.modes.append((self._now_ns(), *told))
+        self._is_in(FlightMode(state.commander.mode.value), state.commander.armed)
         self._px4 = dict(state.px4)
-        self._pass(lambda: self._arrive(messages, output))
+        self._pass(lambda: self._arrive(partial(self._take, messages, output)))
 
-    def stop(self) -> None:
-        """The process at the bridge's end stands still; what arrives meanwhile waits."""
-        self._going.clear()
-
-    def go_on(self) -> None:
-        """Its loop turns before it has read what waited."""
-        self._going.set()
-        asyncio.get_running_loop().call_later(UNREAD_S, self._read)
-
-    def _read(self) -> None:
-        unread, self._unread = self._unread, []
-        for messages, output in unread:
-            self._arrive(messages, output)
-
-    def _arrive(self, messages: Messages, output: Output) -> None:
-        if self._unread or not self._going.is_set():
-            self._unread.append((messages, output))
-            return
-        for name, fields in messages:
-            self._telemetry.take(name, fields, self._now_ns())
-        for text in output.texts:
-            self._telemetry.take("STATUSTEXT", {"text": text}, self._now_ns())
+    def _take(self, messages: Messages, output: Output) -> None:
+        self._heard([*messages, *(("STATUSTEXT", {"text": text}) for text in output.texts)])
         for answer in output.answers:
             self._settle(answer)
-        if self._telemetry.has_imu:
-            self._imu_arrived.set()
-        self._told.set()
+        self._wake()
 
     def _settle(self, answer: Answer) -> None:
         done = self._waiting.pop(answer.request.ticket, None)
@@ -115,10 +77,6 @@ class DirectVehicle(CommandedVehicle):
 
     # The bridge's side.
 
-    async def wait_imu(self) -> None:
-        await super().wait_imu()
-        await self._going.wait()
-
     def send_setpoint(self, p_W: Array | None, v_W: Array | None, a_W: Array | None, yaw_rad: float | None) -> None:
         telecommand.setpoint(p_W, v_W, a_W, yaw_rad)  # refuses what the wire would refuse
         unset = np.full(3, np.nan)
@@ -126,7 +84,8 @@ class DirectVehicle(CommandedVehicle):
         setpoint = Setpoint(p, v, a, np.array(np.nan if yaw_rad is None else yaw_rad))
         self.setpoints.append(setpoint)
         self.sent_ns.append(self._now_ns())
-        self._put(Target(setpoint))
+        if not self.mute:
+            self._put(Target(setpoint))
 
     def send_pose(self, p_W: Array, q_WB_wxyz: Array, stamp_ns: int) -> None:
         self._put(Pose(p_W.copy(), (self._now_ns() - stamp_ns) * 1e-9 + self._delay_s))
@@ -165,9 +124,17 @@ class DirectVehicle(CommandedVehicle):
         self._put(asked._replace(ticket=self._tickets))
         return await done
 
-    def pilot(self, item: Input) -> None:
-        """What somebody else tells the autopilot: a pilot at the radio control, a ground station."""
-        self._to_vehicle.append(item)
+    def pilot(self, asked: Request) -> None:
+        self._to_vehicle.append(asked)
+
+    def refuse(self, kind: type[Request]) -> None:
+        self.refuses = (*self.refuses, kind)
+
+    def drain(self, percent: int) -> None:
+        self.garble = lambda messages: [
+            (name, {**fields, "battery_remaining": percent} if name == "BATTERY_STATUS" else fields)
+            for name, fields in messages
+        ]
 
     def _put(self, item: Input) -> None:
         self._pass(lambda: self._to_vehicle.append(item))

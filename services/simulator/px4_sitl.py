@@ -61,6 +61,16 @@ class Px4Sitl:
         """Where PX4 looks for its simulator."""
         return 4560 + self.instance
 
+    @property
+    def system(self) -> int:
+        """Its number in MAVLink."""
+        return 1 + self.instance
+
+    @property
+    def station_port(self) -> int:
+        """Where PX4 listens for a ground station."""
+        return 18570 + self.instance
+
 
 def of_vehicle(body: Quadrotor, gains: Cascade) -> Px4Parameters:
     """Geometry, thrust and gains for PX4's mixer and controllers."""

@@ -5,6 +5,7 @@ The dialect is imported by its MAVLink 2 name, so that no environment variable d
 """
 
 import struct
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 from pymavlink.dialects.v20 import development as dialect  # common and CURRENT_MODE
@@ -49,6 +50,22 @@ def take_frame(stream: bytearray) -> tuple[int, bytes] | None:
     payload = bytes(stream[begin : begin + length])
     del stream[:end]
     return low | high << 16, payload
+
+
+def frames(datagram: bytes) -> Iterator[tuple[int, int, bytes]]:
+    """The whole MAVLink 2 messages of a datagram, unsigned: number, the sender's component, and the bytes of each."""
+    at = 0
+    while datagram[at : at + 1] == MAGIC:
+        length, _, _, _, _, component, low, high = HEADER.unpack_from(datagram, at + 1)
+        end = at + 1 + HEADER.size + length + _CHECKSUM_BYTES
+        yield low | high << 16, component, datagram[at:end]
+        at = end
+
+
+def numbers(names: Iterable[str]) -> frozenset[int]:
+    """Of the messages of these names."""
+    wanted = frozenset(names)
+    return frozenset(number for number, kind in dialect.mavlink_map.items() if kind.msgname in wanted)
 
 
 def unpack(message_id: int, payload: bytes) -> Any:

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 
 from schemas.safety import Permit
 from services import cable
-from services.faults.measure import CALM_N
+from services.faults.promises import CALM_N
 from services.physics import Array, norm
 from services.px4_bridge import flight
 from services.px4_bridge.flight import Force, Input

@@ -8,7 +8,6 @@ import asyncio
 import os
 import resource
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from functools import cache
 
 import pytest
@@ -18,7 +17,7 @@ from schemas.topics import HEALTH
 from tests.processes import promises
 from tests.processes.deeds import Do, leaked, restarted, spun, stopped
 from tests.processes.system import System, fly
-from tests.processes.window import Window
+from tests.processes.window import Flown, Window
 
 AFTER_S = 1.0
 
@@ -55,25 +54,15 @@ FLIGHTS = {
 }
 
 
-@dataclass
-class Flown:
-    """What followed each ill, as far as the flight went, and why it went no further."""
-
-    windows: dict[str, Window] = field(default_factory=dict[str, Window])
-    over: str = ""
-
-
 @pytest.fixture(scope="module")
-def flown(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Flown]:
+def flown(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Flown[Window]]:
     """The flight of a service, on the first question about it."""
 
     @cache
-    def flight(name: str) -> Flown:
-        so_far = Flown()
-        try:
+    def flight(name: str) -> Flown[Window]:
+        so_far = Flown[Window]()
+        with so_far.tried():
             fly(tmp_path_factory.mktemp("on"), lambda system: _script(system, name, so_far.windows))
-        except Exception as why:  # it is the verdict of every ill that was to follow, and not flown again for each
-            so_far.over = f"{type(why).__name__}: {why}"
         return so_far
 
     return flight
@@ -92,9 +81,7 @@ async def _script(system: System, name: str, windows: dict[str, Window]) -> None
 
 @pytest.mark.parametrize(("name", "ill"), [(name, ill) for name, ills in FLIGHTS.items() for ill in ills])
 def test_it(flown, name, ill):
-    flight = flown(name)
-    assert ill in flight.windows, f"the flight was over: {flight.over}"
-    window = flight.windows[ill]
+    window = flown(name)[ill]
     promises.assert_pulled(window)
     promises.assert_force(window)
     if name == "recorder":

@@ -2,14 +2,18 @@
 
 import time
 from bisect import bisect_left, bisect_right
+from collections.abc import Generator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 from schemas.safety import Level, Phase
 from schemas.topics import SAFETY_STATE, SETPOINT, TRUTH, VEHICLE_STATE
 from schemas.vehicle import FlightMode, SetpointKind
-from services.faults.measure import _pull_N as pull_N
+from services.faults.record import pull_N
 from services.physics import norm
+
+T = TypeVar("T")
 
 SLACK = (SetpointKind.EASE, SetpointKind.HOLD)
 LANDS = (FlightMode.LAND, FlightMode.DESCEND)
@@ -52,6 +56,11 @@ class Window:
     def lands_s(self) -> float:
         """Until the bridge is told that the autopilot lands."""
         return next((t for t, m in self.all(VEHICLE_STATE) if m.mode in LANDS), NEVER)
+
+    def comes_down_s(self) -> float:
+        """Until somebody brings it down: the autopilot, or the supervisor, who clears the place first."""
+        told = (t for t, m in self.all(SAFETY_STATE) if m.phase in (Phase.CLEARING, Phase.LANDING))
+        return min(next(told, NEVER), self.lands_s())
 
     def backs_off_s(self) -> float:
         """Until the first set-point without a pull, or the autopilot lands."""
@@ -109,3 +118,24 @@ class Window:
             *self.reasons(),
         )
         return "; ".join(lines)
+
+
+@dataclass
+class Flown(Generic[T]):
+    """What followed each ill of a flight, or was found out in it, as far as it went, and why it went no further."""
+
+    windows: dict[Any, T] = field(default_factory=dict[Any, T])
+    over: str = ""
+
+    def __getitem__(self, ill: Any) -> T:
+        """Raises AssertionError with why the flight was over before."""
+        assert ill in self.windows, f"the flight was over: {self.over}"
+        return self.windows[ill]
+
+    @contextmanager
+    def tried(self) -> Generator[None]:
+        """What ends the flight early is the verdict of every ill that was to follow, and not flown again for each."""
+        try:
+            yield
+        except Exception as why:
+            self.over = f"{type(why).__name__}: {why}"

@@ -7,7 +7,7 @@ from pathlib import Path
 from schemas.energy import EnergyBalance
 from schemas.topics import ENERGY
 from services.config import Config
-from services.faults.measure import ROUNDING_J
+from services.px4_bridge.energy import ROUNDING_J
 from services.rehearsal import chain
 from services.rehearsal.chain import Flight, Script
 

@@ -9,8 +9,8 @@ from schemas.safety import Phase
 from schemas.topics import TRUTH
 from schemas.vehicle import FlightMode
 from services.config import Config
+from services.rehearsal import px4_flight
 from services.rehearsal.chain import Flight, Stage
-from tests.services import px4_chain
 
 PATIENCE_S, DOWN_M = 30.0, 0.1
 
@@ -31,7 +31,7 @@ def without_bridge(config: Config, phase: Phase) -> Fall:
 
     async def script(stage: Stage) -> None:
         nonlocal killed_s, left_s, disarmed_s
-        await px4_chain.started(stage)
+        await px4_flight.started(stage)
         await stage.until(lambda state: state.phase is phase, 90.0)
         await asyncio.sleep(2.0)
         stage.kill("px4_bridge")
@@ -45,7 +45,7 @@ def without_bridge(config: Config, phase: Phase) -> Fall:
                 break
             await asyncio.sleep(0.05)
 
-    return _fall(px4_chain.fly(config, script), killed_s, left_s, disarmed_s)
+    return _fall(px4_flight.fly(config, script), killed_s, left_s, disarmed_s)
 
 
 def _fall(flight: Flight, killed_s: float, left_s: float, disarmed_s: float) -> Fall:

@@ -21,6 +21,7 @@ from schemas.safety import Phase
 from schemas.topics import TRUTH
 from services.px4_bridge.telecommand import RATES_Hz
 from services.px4_bridge.telemetry import Telemetry
+from services.rehearsal import px4_flight
 from services.rehearsal.chain import Stage
 from services.rehearsal.quick import quicker
 from tests.services import px4_chain
@@ -81,12 +82,12 @@ def record() -> None:
                     log.write(_STAMP.pack(stage.operator.clock.now_ns() // 1000) + packet)
 
             stage.flight.vehicle.on_packet = keep
-            await px4_chain.started(stage)
+            await px4_flight.started(stage)
             for name in config.px4_bridge.px4:
                 stage.flight.vehicle.ask_parameter(name)
             await stage.until(lambda state: state.phase is Phase.LANDED, 150.0)
 
-        flight = px4_chain.fly(config, script)
+        flight = px4_flight.fly(config, script)
     FOLDER.mkdir(exist_ok=True)
     LOG.write_bytes(lzma.compress(log.getvalue(), preset=9))
     TRUTHS.write_bytes(lzma.compress(_truth_csv(flight).encode(), preset=9))

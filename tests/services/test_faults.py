@@ -43,6 +43,14 @@ def test_the_campaign_finds_a_promise_that_is_not_kept():
     assert "promised 0.0001 s" in result.broken[0]
 
 
+def test_an_autopilot_that_does_not_refuse_is_armed():
+    """So the rows in which nothing happens say something."""
+    fault = named("arming_denied")
+    assert fault is not None
+    (result,) = campaign([replace(fault, act=lambda stage: None)])
+    assert result.broken == ("armed",)
+
+
 def test_a_fault_that_cannot_be_flown_is_no_success():
     fault = named("clew_stop")
     assert fault is not None
@@ -71,7 +79,7 @@ def test_every_fault_has_a_name_of_its_own_and_says_what_breaks():
 
 def test_the_table_of_the_documentation_is_of_this_catalogue():
     text = (Path(__file__).parents[2] / "docs/safety.md").read_text()
-    block = text.split(report.BEGIN)[1].split(report.END)[0].strip().splitlines()
+    block = text.split(report.TABLE[0])[1].split(report.TABLE[1])[0].strip().splitlines()
     assert tuple(block[:2]) == report.HEAD
     rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in block[2:]]
     assert [row[0] for row in rows] == list(dict.fromkeys(fault.family for fault in every()))

@@ -9,11 +9,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from schemas.safety import Permit, Phase
 from schemas.topics import ROBOT_POSE, SAFETY_STATE, SETPOINT, TRUTH, VEHICLE_IMU, VEHICLE_STATE
 from schemas.vehicle import FlightMode
+from services.console.cli import app
+from services.faults import on_px4, report
+from services.faults.catalogue import named
 from services.recorder import reading, summary
+from services.rehearsal import px4_flight
 from services.rehearsal.chain import Flight, Stage
 from services.rehearsal.quick import quicker
 from services.simulator.human import Event, Kind
@@ -46,7 +51,7 @@ def pull_between(flight: Flight, begin_s: float, end_s: float) -> float:
 def flown(tmp_path_factory):
     """The experiment once: the flight and its recorded session."""
     folder = tmp_path_factory.mktemp("px4")
-    flight = px4_chain.fly(px4_chain.px4_config(folder), px4_chain.whole)
+    flight = px4_flight.fly(px4_chain.px4_config(folder), px4_flight.whole)
     return flight, reading.read(folder / "session.mcap")
 
 
@@ -88,12 +93,12 @@ def test_a_person_who_lets_go_is_not_left_behind_by_a_runaway(tmp_path):
     person = replace(config.person, behaviour=(Event(kind=Kind.LET_GO, start_s=6.0),))
 
     async def script(stage: Stage) -> None:
-        await px4_chain.started(stage)
+        await px4_flight.started(stage)
         await stage.until(lambda state: state.phase is Phase.GUIDING, 60.0)
         await stage.until(lambda state: not state.held, 30.0)
         await asyncio.sleep(4.0)
 
-    flight = px4_chain.fly(config.model_copy(update={"person": person}), script)
+    flight = px4_flight.fly(config.model_copy(update={"person": person}), script)
     walked_ns = flight.during(TRUTH.key, Phase.GUIDING)[0].stamp_ns
     free = [m for m in flight.said[TRUTH.key] if not m.holding and m.stamp_ns > walked_ns]
     moved = vectors(free, "robot_position_m") - vectors(free[:1], "robot_position_m")
@@ -101,22 +106,43 @@ def test_a_person_who_lets_go_is_not_left_behind_by_a_runaway(tmp_path):
     assert np.max(vectors(free, "robot_position_m")[:, 2]) < config.px4_bridge.flight.ceiling_m + 0.1
 
 
-@pytest.mark.parametrize("service", ["force_estimator", "safety_supervisor"])
-def test_a_service_that_dies_leaves_no_pull(tmp_path, service):
-    died = []
+@pytest.mark.parametrize(
+    "name",
+    [
+        "kill_force_estimator_in_guiding",
+        "kill_safety_supervisor_in_guiding",
+        "guidance_dropped",
+        "clock_of_ground_plus_1s",
+        "lets_go",
+        "pilot_takes_over",
+    ],
+)
+def test_a_fault_of_the_campaign_leads_to_what_it_must(tmp_path, name):
+    """Of each kind one: `clew faults all --profile px4-sitl` flies them all."""
+    fault = named(name)
+    assert fault is not None
+    (result,) = on_px4.campaign([fault], px4_chain.px4_config(tmp_path), tmp_path)
+    assert result.ok, (result.broken, result.reasons)
+    assert result.pull_before_N > 0.8, "nothing was pulling"
 
-    async def script(stage: Stage) -> None:
-        await px4_chain.started(stage)
-        await stage.until(lambda state: state.phase is Phase.GUIDING, 60.0)
-        await asyncio.sleep(3.0)
-        stage.tasks.pop(service).cancel()
-        died.append(stage.operator.clock.now_ns() * 1e-9)
-        await asyncio.sleep(2.5)
 
-    flight = px4_chain.fly(quicker(px4_chain.px4_config(tmp_path)), script)
-    assert pull_after(flight, died[0] - 0.5) > 0.8, "nothing was pulling"
-    assert pull_after(flight, died[0]) < 2.5
-    assert pull_after(flight, died[0] + 1.5) < 0.3
+def test_the_campaign_writes_its_table_and_says_what_was_not_flown(tmp_path, monkeypatch):
+    """As typed; of the faults two, the quickest."""
+    chosen = (named("offboard_refused"), named("arming_denied"))
+    monkeypatch.setattr(on_px4, "one_of_each", lambda: chosen)
+    document = tmp_path / "safety.md"
+    document.write_text("before\n" + "\n".join(report.PX4_TABLE) + "\nafter\n")
+    pictures = tmp_path / "pictures"
+    words = ["faults", "all", "--profile", "px4-sitl", "--into", str(document), "--pictures", str(pictures)]
+    ended = CliRunner().invoke(app, words)
+    assert ended.exit_code == 0, ended.output
+    assert "1/2 offboard_refused: not flown: " in ended.output
+    assert "2/2 arming_denied: kept" in ended.output
+    assert "2 faults, 1 not flown, 0 with a broken promise" in ended.output
+    before, *rows, after = document.read_text().splitlines()
+    assert (before, after) == ("before", "after")
+    assert [row.split("|")[1].strip() for row in rows[3:-1]] == ["offboard_refused", "arming_denied"]
+    assert [file.name for file in pictures.iterdir()] == ["arming_denied.png"]
 
 
 def test_after_a_loss_of_set_points_it_lands_and_is_not_flown_again(tmp_path):
@@ -124,7 +150,7 @@ def test_after_a_loss_of_set_points_it_lands_and_is_not_flown_again(tmp_path):
     heard = []
 
     async def script(stage: Stage) -> None:
-        await px4_chain.started(stage)
+        await px4_flight.started(stage)
         await stage.until(lambda state: state.phase is Phase.ZEROING, 60.0)
         stage.flight.vehicle.mute = True
         heard.append(stage.operator.clock.now_ns() * 1e-9)
@@ -132,7 +158,7 @@ def test_after_a_loss_of_set_points_it_lands_and_is_not_flown_again(tmp_path):
         stage.flight.vehicle.mute = False
         await asyncio.sleep(10.0)
 
-    flight = px4_chain.fly(quicker(px4_chain.px4_config(tmp_path)), script)
+    flight = px4_flight.fly(quicker(px4_chain.px4_config(tmp_path)), script)
     (cut_s,) = heard
     states = [m for m in flight.said[VEHICLE_STATE.key] if m.stamp_ns * 1e-9 > cut_s]
     left = next(m for m in states if m.mode is not FlightMode.OFFBOARD)
@@ -158,14 +184,14 @@ def test_without_motion_capture_nobody_is_pulled_and_it_comes_down(tmp_path):
     gone = []
 
     async def script(stage: Stage) -> None:
-        await px4_chain.started(stage)
+        await px4_flight.started(stage)
         await stage.until(lambda state: state.phase is Phase.GUIDING, 60.0)
         await asyncio.sleep(3.0)
         stage.tasks.pop("tracker").cancel()
         gone.append(stage.operator.clock.now_ns() * 1e-9)
         await asyncio.sleep(18.0)
 
-    flight = px4_chain.fly(quicker(px4_chain.px4_config(tmp_path)), script)
+    flight = px4_flight.fly(quicker(px4_chain.px4_config(tmp_path)), script)
     (t,) = gone
     assert not [m for m in flight.said[ROBOT_POSE.key] if m.stamp_ns * 1e-9 > t + 0.1]
     descends = next(m for m in flight.said[VEHICLE_STATE.key] if m.mode is FlightMode.LAND).stamp_ns * 1e-9

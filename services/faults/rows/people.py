@@ -6,7 +6,7 @@ from typing import Any
 
 from schemas.safety import Phase
 from services.config import Config
-from services.faults.fault import GUIDING, Fault, Group, Moment, Reaction
+from services.faults.fault import GUIDING, Fault, Group, Moment, OnPx4, Reaction
 from services.faults.rows.common import later
 from services.rehearsal.chain import Stage
 from services.simulator.human import Event, Kind
@@ -19,15 +19,29 @@ CAUGHT_M, WINDS_S, TURNS = 0.2, 1.0, 100
 RUNS = dict.fromkeys(("tip_hand", "tip_head", "calm"), "the person runs faster than the vehicle may fly")
 DRAGS = dict.fromkeys(("tip_head", "calm"), "the hand drags the vehicle down beside a head that stays where it was")
 
+FOLLOWS = {
+    "tip_hand": "the hand comes up again under the vehicle, and PX4 climbs away from it a little later than the stand-in"
+}
+
 
 def people() -> Iterator[Fault]:
     """The rows of this module."""
 
     def deed(name: str, about: str, reaction: Reaction, within_s: float, watch_s: float = 6.0, **event: Any) -> Fault:
         exempt: dict[str, str] = event.pop("exempt", {})
+        on_px4: OnPx4 = event.pop("on_px4", OnPx4())
         deeds = (Event(start_s=DEED_S, **event),)
         return Fault(
-            name, Group.PERSON, about, reaction, within_s, moment=GUIDING, watch_s=watch_s, deeds=deeds, exempt=exempt
+            name,
+            Group.PERSON,
+            about,
+            reaction,
+            within_s,
+            moment=GUIDING,
+            watch_s=watch_s,
+            deeds=deeds,
+            exempt=exempt,
+            on_px4=on_px4,
         )
 
     yield deed("lets_go", "the person opens the hand", Reaction.LET_GO, 0.4, kind=Kind.LET_GO)
@@ -84,6 +98,7 @@ def people() -> Iterator[Fault]:
         force_W_N=(0.0, 0.0, -15.0),
         rise_m=-0.6,
         exempt=DRAGS,
+        on_px4=OnPx4(exempt=FOLLOWS),
     )
     yield deed(
         "lifts_the_hand",

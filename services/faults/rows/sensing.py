@@ -5,11 +5,11 @@ from typing import Any
 
 from schemas.topics import MOCAP_FRAME
 from services.faults.fault import Fault, Group, Reaction
-from services.faults.measure import FORCE_N
+from services.faults.promises import FORCE_N
 from services.faults.rows.common import SINKS, Act, later
 from services.rehearsal import meddled_bus as bus
 from services.rehearsal.chain import Stage
-from services.rehearsal.direct_vehicle import Messages
+from services.rehearsal.rehearsed_vehicle import Messages
 
 
 def sensing() -> Iterator[Fault]:

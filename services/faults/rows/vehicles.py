@@ -1,20 +1,21 @@
 """The autopilot refuses, is flown by somebody else, runs out of battery, or is out of reach."""
 
 from collections.abc import Iterator
-from typing import Any
 
 from schemas.safety import Phase
-from services.faults.fault import Fault, Group, Moment, Reaction
+from services.faults.fault import Fault, Group, Moment, OnPx4, Reaction
 from services.faults.rows.common import MOMENTS, SINKS, Act, later
 from services.rehearsal.chain import Stage
-from services.rehearsal.direct_vehicle import Messages
-from services.simulator.commander import Arm, Mode, SetOrigin, SetParameter, Switch
+from services.simulator.commander import Arm, Mode, Request, SetParameter, Switch
+
+FULL = OnPx4(not_flown="PX4's simulated battery is full while it is disarmed, as it is then")
+FILTERED = OnPx4(late_s=3.0, late="PX4 filters the voltage over a second, so it shows a sudden fall 3 s late")
 
 
 def vehicles() -> Iterator[Fault]:
     """The rows of this module."""
     V = Group.VEHICLE
-    ground = Moment(Phase.IDLE, 0.4)
+    before_arming = Moment(Phase.TAKEOFF, 0.0)
     yield Fault(
         "offboard_refused",
         V,
@@ -22,27 +23,37 @@ def vehicles() -> Iterator[Fault]:
         Reaction.STAYS_DOWN,
         0.0,
         _refuses(Switch),
-        ground,
+        before_arming,
         6.0,
+        on_px4=OnPx4(not_flown="on the ground PX4 takes offboard mode from anybody"),
     )
     yield Fault(
-        "arming_denied", V, "the autopilot refuses to arm", Reaction.STAYS_DOWN, 0.0, _refuses(Arm), ground, 6.0
+        "arming_denied", V, "the autopilot refuses to arm", Reaction.STAYS_DOWN, 0.0, _refuses(Arm), before_arming, 6.0
     )
     yield Fault(
         "pilot_takes_over",
         V,
-        "a pilot switches to Hold by radio control",
+        "a pilot switches to Hold",
         Reaction.HANDS_OFF,
         0.2,
         _pilot(Mode.HOLD),
         exempt={"calm": "the pilot flies, stiffly"},
     )
-    yield Fault("pilot_lands", V, "a pilot switches to Land by radio control", Reaction.LAND, 0.1, _pilot(Mode.LAND), watch_s=12.0,
+    yield Fault("pilot_lands", V, "a pilot switches to Land", Reaction.LAND, 0.1, _pilot(Mode.LAND), watch_s=12.0,
                 exempt=SINKS)  # fmt: skip
     for moment in (m for m in MOMENTS if m.phase is not Phase.LANDING):
         name = f"battery_empty_in_{moment.phase}"
         yield Fault(
-            name, V, f"the battery falls to 10 % in {moment.phase}", Reaction.LAND, 3.5, _battery(10), moment, 7.0
+            name,
+            V,
+            f"the battery falls to 10 % in {moment.phase}",
+            Reaction.LAND,
+            3.5,
+            _battery(10),
+            moment,
+            7.0,
+            family="battery empty",
+            on_px4=FULL if moment.phase is Phase.TAKEOFF else FILTERED,
         )
     yield Fault("mavlink_cut", V, "the link between bridge and autopilot is cut", Reaction.AUTOPILOT_LANDS, 1.0, _cut, watch_s=12.0,
                 exempt=SINKS | {"late": "they do not arrive"})  # fmt: skip
@@ -57,32 +68,16 @@ def vehicles() -> Iterator[Fault]:
     )
 
 
-def _refuses(request: type[Any]) -> Act:
-    def act(stage: Stage) -> None:
-        stage.flight.vehicle.refuses = (request,)
-
-    return act
+def _refuses(request: type[Request]) -> Act:
+    return lambda stage: stage.flight.vehicle.refuse(request)
 
 
 def _pilot(mode: Mode) -> Act:
-    def act(stage: Stage) -> None:
-        stage.flight.vehicle.pilot(SetOrigin())
-        stage.flight.vehicle.pilot(Switch(mode))
-
-    return act
+    return lambda stage: stage.flight.vehicle.pilot(Switch(mode))
 
 
 def _battery(percent: int) -> Act:
-    def act(stage: Stage) -> None:
-        def garble(messages: Messages) -> Messages:
-            return [
-                (name, {**fields, "battery_remaining": percent} if name == "BATTERY_STATUS" else fields)
-                for name, fields in messages
-            ]
-
-        stage.flight.vehicle.garble = garble
-
-    return act
+    return lambda stage: stage.flight.vehicle.drain(percent)
 
 
 def _cut(stage: Stage) -> None:

@@ -6,52 +6,60 @@ link. MAVSDK has threads and a clock of its own and cannot be here: the messages
 """
 
 import asyncio
-import select
-import socket
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pymavlink.dialects.v20 import development as dialect
 
 from services.px4_bridge import telecommand, telemetry
-from services.px4_bridge.commanded import CommandedVehicle
-from services.px4_bridge.telecommand import AUTOPILOT, Fields
+from services.px4_bridge.telecommand import Fields
 from services.px4_bridge.vehicle_protocol import VehicleError
+from services.rehearsal.ground_station import GroundStation
+from services.rehearsal.mavlink_peer import MavlinkPeer
+from services.rehearsal.rehearsed_vehicle import RehearsedVehicle
 from services.simulator.autopilot import STEP_S, Sensors
+from services.simulator.commander import Arm, Request, SetParameter
 from services.simulator.pilot import Pilot
 from services.simulator.px4_hil import Px4Hil
 
 Array = NDArray[np.float64]
 
 PATIENCE_S = 0.02
-_COMPANION = (1, 191)
-_IMU, _ACK = "HIGHRES_IMU", "COMMAND_ACK"
+DRAINED_S = 0.01
+_COMPANION = 191
+_IMU, _ACK, _VALUE = "HIGHRES_IMU", "COMMAND_ACK", "PARAM_VALUE"
 
 
-class Px4Vehicle(CommandedVehicle, Pilot):
+class Px4Vehicle(RehearsedVehicle, Pilot):
     """Both ends at once: hand it to `px4_bridge.service.fly` and, as the pilot, to the simulator's stage."""
 
-    def __init__(self, p: telemetry.Vehicle, now_ns: Callable[[], int], hil: Px4Hil, companion_port: int) -> None:
+    def __init__(
+        self,
+        p: telemetry.Vehicle,
+        now_ns: Callable[[], int],
+        hil: Px4Hil,
+        companion_port: int,
+        station: GroundStation | None = None,
+        system: int = 1,
+    ) -> None:
         super().__init__(p, now_ns)
-        self._hil = hil
+        self._hil, self._station = hil, station
         self._waiting: dict[int, asyncio.Future[int]] = {}
-        self._px4: tuple[str, int] | None = None
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.bind(("127.0.0.1", companion_port))
-        self._socket.setblocking(False)
-        self._mav = dialect.MAVLink(self, *_COMPANION)
-        self._mav.robust_parsing = True
+        self._peer = MavlinkPeer(
+            (system, _COMPANION),
+            {*self._telemetry.messages, *telecommand.RATES_Hz, _ACK, _VALUE},
+            vehicle=system,
+            port=companion_port,
+        )
         self._streaming = False
         self.on_packet: Callable[[str, bytes], None] = lambda _name, _packet: None
-        """Is shown every message of the autopilot, by name and as it came."""
-        self.mute = False
-        """While true no set-point gets through."""
+        """Is shown every message that is listened to, by name and as it came."""
 
     def close(self) -> None:
-        self._socket.close()
+        self._peer.close()
 
     # The simulator's side.
 
@@ -72,36 +80,44 @@ class Px4Vehicle(CommandedVehicle, Pilot):
         """Everything that belongs to the step; inertial samples are complete when HIGHRES_IMU has come."""
         until = time.monotonic() + (PATIENCE_S if self._streaming else 0.0)
         while True:
-            while (data := self._read()) is not None:
-                for message in self._mav.parse_buffer(data) or ():
-                    if self._take(message):
-                        until = 0.0
-            left = until - time.monotonic()
-            if left <= 0.0 or not select.select((self._socket,), (), (), left)[0]:
+            for message in self._peer.messages():
+                if self._take(message):
+                    until = 0.0
+            if not self._peer.wait(until - time.monotonic()):
                 break
-        if self._telemetry.has_imu:
-            self._imu_arrived.set()
-        self._told.set()
-
-    def _read(self) -> bytes | None:
-        try:
-            data, self._px4 = self._socket.recvfrom(65536)
-        except BlockingIOError:
-            return None
-        return data
+        self._arrive(self._wake)
+        for mode, armed in self._station.modes() if self._station else ():
+            self._is_in(mode, armed)
 
     def _take(self, message: Any) -> bool:
         """Whether it completes the step."""
-        if message.get_srcComponent() != AUTOPILOT or message.get_type() == "BAD_DATA":
-            return False
         name, fields = message.get_type(), message.to_dict()
         self.on_packet(name, bytes(message.get_msgbuf()))
-        if name == _ACK:
-            done = self._waiting.pop(message.command, None)
-            if done is not None and not done.done():
-                done.set_result(message.result)
-        self._telemetry.take(name, fields, self._now_ns())
+        if not self.cut:
+            self._arrive(partial(self._hear, name, fields))
         return name == _IMU and fields["time_usec"] >= self._hil.time_us
+
+    def _hear(self, name: str, fields: Fields) -> None:
+        if name == _ACK:
+            done = self._waiting.pop(fields["command"], None)
+            if done is not None and not done.done():
+                done.set_result(fields["result"])
+        self._heard(self.garble([(name, fields)]))
+
+    # What is done to it.
+
+    def pilot(self, asked: Request) -> None:
+        assert self._station, "nobody sits at a ground station"
+        self._station.ask(asked)
+
+    def refuse(self, kind: type[Request]) -> None:
+        if kind is not Arm:
+            raise ValueError(f"PX4 cannot be made to refuse {kind.__name__}")
+        self.pilot(SetParameter("COM_ARMABLE", 0))
+
+    def drain(self, percent: int) -> None:
+        self.pilot(SetParameter("SIM_BAT_MIN_PCT", float(percent)))
+        self.pilot(SetParameter("SIM_BAT_DRAIN", DRAINED_S))
 
     # The bridge's side.
 
@@ -120,20 +136,18 @@ class Px4Vehicle(CommandedVehicle, Pilot):
 
     def ask_parameter(self, name: str) -> None:
         """PARAM_VALUE comes back, for `on_packet`."""
-        self._send(
-            "param_request_read",
-            {"target_system": 1, "target_component": AUTOPILOT, "param_id": name.encode(), "param_index": -1},
-        )
+        self._send("param_request_read", self._peer.target | {"param_id": name.encode(), "param_index": -1})
 
     def order(self, fields: Fields) -> None:
         """A COMMAND_LONG whose answer nobody waits for."""
-        self._send("command_long", fields | {"target_system": 1, "target_component": AUTOPILOT})
+        if not self.cut:
+            self._peer.command(fields)
 
     def send_setpoint(self, p_W: Array | None, v_W: Array | None, a_W: Array | None, yaw_rad: float | None) -> None:
         fields = telecommand.setpoint(p_W, v_W, a_W, yaw_rad)
-        if self.mute:
-            return
-        self._send("set_position_target_local_ned", fields | {"target_system": 1, "target_component": AUTOPILOT})
+        self.sent_ns.append(self._now_ns())
+        if not self.mute:
+            self._send("set_position_target_local_ned", fields | self._peer.target)
 
     def send_pose(self, p_W: Array, q_WB_wxyz: Array, stamp_ns: int) -> None:
         fields = telecommand.pose(p_W, q_WB_wxyz, stamp_ns)
@@ -141,7 +155,8 @@ class Px4Vehicle(CommandedVehicle, Pilot):
         self._send("vision_position_estimate", fields | {"covariance": covariance})
 
     async def set_origin(self) -> None:
-        self._send("set_gps_global_origin", telecommand.origin() | {"target_system": 1})
+        if not self.cut:
+            self._peer.place()
 
     async def ask_version(self) -> None:
         self.order(telecommand.command(telecommand.REQUEST, telecommand.VERSION))
@@ -164,6 +179,5 @@ class Px4Vehicle(CommandedVehicle, Pilot):
         return await done
 
     def _send(self, name: str, fields: Fields) -> None:
-        if self._px4 is not None:
-            message = getattr(dialect, f"MAVLink_{name}_message")(**fields)
-            self._socket.sendto(message.pack(self._mav), self._px4)
+        if not self.cut:
+            self._peer.send(name, fields)
