@@ -160,10 +160,10 @@ async def _in_copies(stage: Stage, faults: list[Fault], copies: Copies) -> None:
 async def _broken(fault: Fault, stage: Stage) -> float:
     """From its moment on: the fault, and what follows. Returns when it began: with the person's deed, or at the moment."""
     if fault.deeds:
-        stage.behave(fault.deeds)
         left_s = await _taken_s(stage) + fault.deeds[0].start_s - stage.now_s
         if left_s < 0.0:
             raise ValueError(f"{fault.moment} is {-left_s:.2f} s after the deed of {fault.name} should have begun")
+        stage.behave(fault.deeds)
         await asyncio.sleep(left_s)
     begin_s = stage.now_s
     fault.act(stage)
