@@ -88,3 +88,9 @@ def test_a_program_that_cannot_run_is_refused_before_anything_starts(tmp_path):
     ):
         load("px4-sitl", px4=str(tmp_path / "nothing"))
     assert load("demo", px4=str(tmp_path / "nothing")).simulator.px4_sitl is None
+
+
+@pytest.mark.parametrize("name", ["drone", "ground"])
+def test_a_pilots_kill_switch_counts_on_hardware(name):
+    """PX4 looks at the radio control's switches only where the radio control may be its source."""
+    assert load(name).px4_bridge.px4["COM_RC_IN_MODE"] == 0
