@@ -49,6 +49,9 @@ def test_what_px4_cannot_be_made_to_do_is_said_and_not_flown(tmp_path):
 def test_a_flight_that_fails_is_a_broken_promise(tmp_path):
     """Here there is no PX4 in the program."""
     config = load("px4-sitl", px4="/bin/true")
+    assert config.simulator.px4_sitl is not None
+    aside = replace(config.simulator.px4_sitl, instance=1)  # its ports are no other test's
+    config = config.model_copy(update={"simulator": replace(config.simulator, px4_sitl=aside)})
     (result,) = on_px4.campaign([fault_of("clew_stop")], config, tmp_path)
     assert not result.ok
     assert result.verdict.startswith(Px4NotThere.__module__)
