@@ -179,9 +179,7 @@ class Bridge:
     async def _carry_out(self, order: Order) -> None:
         match order:
             case Order.OFFBOARD:
-                if (
-                    not self._vehicle.sample.armed
-                ):  # without a place on earth PX4 refuses Hold, and a pilot could not take over by it
+                if not self._vehicle.sample.armed:  # without a place on earth PX4 refuses a pilot Hold
                     await self._vehicle.set_origin()
                 await self._vehicle.set_mode(FlightMode.OFFBOARD)
             case Order.ARM:
