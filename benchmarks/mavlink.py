@@ -42,6 +42,8 @@ PARAMETERS = Autopilot(
         "COM_OBL_RC_ACT": 4,
         "COM_DISARM_LAND": 2,
         "COM_DISARM_PRFLT": 10,
+        "COM_KILL_DISARM": 0,
+        "COM_RC_IN_MODE": 4,
         "MPC_LAND_SPEED": 0.7,
     },
 )

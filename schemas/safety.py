@@ -31,7 +31,7 @@ class Level(IntEnum):
     LAND = 4
     DESCEND = 5
     KILL = 6
-    """Motors off, in the air too. Only a person asks for it; no rule does."""
+    """Motors off, in the air too. Only a person asks for it: an operator here, or a pilot at the radio control."""
 
 
 class Permit(StrEnum):

@@ -57,6 +57,8 @@ class VehicleState(Message):
     battery_fraction: float
     battery_V: float = 0.0
     """0: not known."""
+    killed: bool = False
+    """By a pilot's kill switch, or terminated: no motor turns, and it does not arm."""
 
 
 class SetpointKind(StrEnum):

@@ -22,7 +22,18 @@ from services.console.preflight_ground import look_at_capture, look_at_clocks
 from services.console.preflight_tare import look_at_tare
 from services.console.start import check_devices, check_radio, services_of
 from services.profile_file import ConfigError
-from services.px4_bridge.preflight import Estimate, Found, Identity, Reason, Thrust, Wanted, differing, reasons
+from services.px4_bridge.preflight import (
+    KILL_SWITCH,
+    Estimate,
+    Found,
+    Identity,
+    Reason,
+    Thrust,
+    Wanted,
+    differing,
+    heeds_a_pilot,
+    reasons,
+)
 from services.px4_bridge.vehicle import MavsdkVehicle
 from services.px4_bridge.vehicle_protocol import LINK_CURE, Vehicle, VehicleError
 from services.runtime.clock import MonotonicClock
@@ -128,14 +139,15 @@ async def posing(config: Config, node: Node, vehicle: Vehicle) -> AsyncGenerator
 async def look(config: Config, vehicle: Vehicle, poses: Poses, *, fix: bool) -> list[Reason]:
     """The list for a connected vehicle; `fix` first sets what differs, if it is not armed. Raises VehicleError."""
     names, refused = config.px4_bridge.px4, list[str]()
-    parameters = await _parameters(vehicle, names)
+    asked = (*names, KILL_SWITCH) if heeds_a_pilot(names) else names
+    parameters = await _parameters(vehicle, asked)
     if fix and not vehicle.sample.armed:
         for name, value in differing(parameters, names).items():
             try:
                 await vehicle.set_parameter(name, value)
             except VehicleError as error:
                 refused.append(str(error))
-        parameters = await _parameters(vehicle, names)
+        parameters = await _parameters(vehicle, asked)
     return reasons(await _found(vehicle, poses, parameters, refused), _wanted(config))
 
 
@@ -172,6 +184,7 @@ async def _found(vehicle: Vehicle, poses: Poses, parameters: dict[str, int | flo
         Estimate(known, checks.horizontal_m, checks.vertical_m),
         arming,
         now.battery_fraction,
+        checks.pilot,
     )
 
 

@@ -19,6 +19,10 @@ OLDEST = (1, 15, 0)
 """CURRENT_MODE and the parameters' names are those of then."""
 LAND = 4
 """COM_OBL_RC_ACT."""
+NOBODY = 4
+"""COM_RC_IN_MODE."""
+KILL_SWITCH = "RC_MAP_KILL_SW"
+"""Its channel is the radio control's own, so no profile wants one."""
 LOSS_MAX_S = 1.0
 ESTIMATE_MAX_M = 0.05
 """Standard deviation of the position; motion capture gives a tenth of it."""
@@ -27,6 +31,8 @@ THRUST_ERROR_MAX = 0.02
 
 _WHY = {  # what a wrong value does; a parameter that is not here says it in its own documentation
     "COM_OF_LOSS_T": "how long the vehicle flies on without set-points",
+    "COM_KILL_DISARM": "for how long the way back of a pilot's kill switch starts the motors again",
+    "COM_RC_IN_MODE": "whether it heeds a pilot's radio control, kill switch included",
     "COM_OBL_RC_ACT": "what it does then: without a remote control anything but Land stays armed, and may climb again",
     "MPC_ACC_DECOUPLE": "with it the sideways pull of the cable is compensated too much",
     "MPC_USE_HTE": "with it the hover thrust learns the pull of the cable",
@@ -79,6 +85,8 @@ class Found(NamedTuple):
     arming: Sequence[str]
     """What it has against arming in offboard mode, in its own words."""
     battery_fraction: float
+    pilot: bool
+    """Whether it hears a radio control that it heeds."""
 
 
 class Wanted(NamedTuple):
@@ -108,6 +116,11 @@ def differing(found: Mapping[str, Number], wanted: Mapping[str, Number]) -> dict
     }
 
 
+def heeds_a_pilot(wanted: Mapping[str, Number]) -> bool:
+    """Whether the profile has PX4 listen to a radio control."""
+    return wanted.get("COM_RC_IN_MODE", NOBODY) != NOBODY
+
+
 def reasons(found: Found, wanted: Wanted) -> list[Reason]:
     """Everything that stands against a flight, in the order in which to mend it; empty is good."""
     return [
@@ -115,6 +128,7 @@ def reasons(found: Found, wanted: Wanted) -> list[Reason]:
         *_version(found.identity.version),
         *_armed(found),
         *_parameters(found, wanted.parameters),
+        *_pilot(found, wanted.parameters),
         *_sensors(found, wanted),
         *_estimate(found),
         *(Reason(f"PX4: {problem}", "its own check before arming") for problem in found.arming),
@@ -162,6 +176,19 @@ def _parameters(found: Found, wanted: Mapping[str, Number]) -> list[Reason]:
             f"the profile's COM_OF_LOSS_T = {wanted.get('COM_OF_LOSS_T', 'nothing')}: must be at most {LOSS_MAX_S:g} s"
         )
         listed.append(Reason(told, "px4_bridge.px4: it flies on for that long without set-points"))
+    return listed
+
+
+def _pilot(found: Found, wanted: Mapping[str, Number]) -> list[Reason]:
+    """A kill switch at a radio control that is on: PX4 arms and flies without either."""
+    if not heeds_a_pilot(wanted):
+        return []
+    listed: list[Reason] = []
+    if not found.parameters.get(KILL_SWITCH):
+        cure = "a ground station's radio setup chooses one; then try it on the ground"
+        listed.append(Reason(f"{KILL_SWITCH} = 0: no channel of the radio control is a kill switch", cure))
+    if not found.pilot:
+        listed.append(Reason("PX4 hears no pilot's radio control", "switch it on; is it bound and calibrated?"))
     return listed
 
 

@@ -86,6 +86,7 @@ def vehicle_state(sample: VehicleSample) -> VehicleState:
         q_WB_wxyz=Quaternion.of(sample.q_WB_wxyz),
         battery_fraction=sample.battery_fraction,
         battery_V=sample.battery_V,
+        killed=sample.killed,
     )
 
 

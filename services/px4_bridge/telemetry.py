@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 Fields: TypeAlias = Mapping[str, Any]
 
 QUEUE_LENGTH = 64  # inertial samples kept for a reader that is late; then the oldest go
-_ARMED = 128
+_ARMED, _TERMINATED = 128, 8  # MAV_MODE_FLAG, MAV_STATE
 _IN_AIR = (2, 3, 4)  # flying, taking off, landing
 _MODES = {
     6 << 16: FlightMode.OFFBOARD,
@@ -32,7 +32,7 @@ _MODES = {
     4 << 16 | 6 << 24: FlightMode.LAND,
 }
 _NO_CELL = 65535
-_PREARM = 1 << 28
+_RC_RECEIVER, _PREARM = 1 << 16, 1 << 28  # MAV_SYS_STATUS_SENSOR
 _POSITION_TIMEOUT_NS = 500_000_000
 _FALLBACK_NS = 1_000_000_000  # a vehicle's clock that jumps back by more has been restarted
 _CLOCK_LEAK = 1e-4
@@ -77,6 +77,8 @@ class VehicleSample(NamedTuple):
     battery_fraction: float
     battery_V: float
     """0: not known."""
+    killed: bool = False
+    """The motors are stopped for as long as a pilot's kill switch is on, or for good."""
     knows_time: bool = True
     """Whether it dates poses by our clock, where it is told."""
 
@@ -92,6 +94,8 @@ class Checks(NamedTuple):
     horizontal_m: float = math.inf
     vertical_m: float = math.inf
     """Standard deviations of its position."""
+    pilot: bool = False
+    """Whether it hears a radio control, and heeds it."""
 
 
 class Position(NamedTuple):
@@ -133,9 +137,8 @@ class Telemetry:
         self._q_WB_wxyz: Array | None = None
         self._throttle: Throttle | None = None
         self._position = Position(0, np.zeros(3), np.zeros(3))
-        self._position_ns = 0
-        self._arrival_ns = 0
-        self._armed, self._in_air, self._mode = False, False, FlightMode.OTHER
+        self._position_ns, self._arrival_ns = 0, 0
+        self._armed, self._in_air, self._mode, self._killed = False, False, FlightMode.OTHER, False
         self._battery_fraction, self._battery_V = 0.0, 0.0
         self.checks = Checks()
         self.heartbeats, self.statuses = 0, 0
@@ -200,6 +203,7 @@ class Telemetry:
             q_WB_wxyz=_LEVEL if self._q_WB_wxyz is None else self._q_WB_wxyz,
             battery_fraction=self._battery_fraction,
             battery_V=self._battery_V,
+            killed=self._killed,
         )
 
     def _thrust_taker(self) -> dict[str, Any]:
@@ -213,7 +217,7 @@ class Telemetry:
 
     def _take_heartbeat(self, fields: Fields, _arrival_ns: int) -> None:
         self._take_mode(fields, _arrival_ns)
-        self._armed = is_armed(fields)
+        self._armed, self._killed = is_armed(fields), fields.get("system_status") == _TERMINATED
         self.checks = self.checks._replace(autopilot=fields.get("autopilot", 0), vehicle_type=fields.get("type", 0))
         self.heartbeats += 1
 
@@ -233,7 +237,8 @@ class Telemetry:
         self.texts.append(fields["text"])
 
     def _take_readiness(self, fields: Fields, _arrival_ns: int) -> None:
-        self.checks = self.checks._replace(ready=bool(fields["onboard_control_sensors_health"] & _PREARM))
+        ready, pilot = fields["onboard_control_sensors_health"], fields.get("onboard_control_sensors_present", 0)
+        self.checks = self.checks._replace(ready=bool(ready & _PREARM), pilot=bool(pilot & _RC_RECEIVER))
 
     def _take_accuracy(self, fields: Fields, _arrival_ns: int) -> None:
         stated = (fields["pos_horiz_accuracy"], fields["pos_vert_accuracy"])

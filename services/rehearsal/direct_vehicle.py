@@ -30,6 +30,7 @@ from services.simulator.mavlink_streams import (
     accuracy_m,
     has_begun,
     pwm_us,
+    system_status,
 )
 
 Array = NDArray[np.float64]
@@ -157,6 +158,7 @@ def _messages(state: AutopilotState, sensors: Sensors, n: int, p: telemetry.Vehi
             {
                 "base_mode": 129 if state.commander.armed else 1,
                 "custom_mode": CUSTOM_MODE[state.commander.mode],
+                "system_status": system_status(state.commander),
                 "type": QUADROTOR,
                 "autopilot": PX4,
             },

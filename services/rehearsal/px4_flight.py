@@ -27,9 +27,10 @@ from services.simulator.stage import Stage as World
 def fly(config: Config, script: Script, limit_s: float = 250.0, configs: Mapping[str, Config] | None = None) -> Flight:
     """As chain.fly, with PX4 started for it, and a recording in the session's folder.
 
-    Raises Px4NotThere or Px4Lost.
+    How PX4 is set is the world's: of the simulator's own configuration, where it has one. Raises Px4NotThere or Px4Lost.
     """
-    sitl, laboratory = config.simulator.px4_sitl, config.px4_bridge.px4
+    world = (configs or {}).get("simulator", config)
+    sitl, laboratory = world.simulator.px4_sitl, world.px4_bridge.px4
     assert sitl is not None, "the profile does not simulate with PX4"
 
     async def with_px4() -> Flight:

@@ -21,9 +21,10 @@ from services.rehearsal.ground_station import GroundStation
 from services.rehearsal.mavlink_peer import MavlinkPeer
 from services.rehearsal.rehearsed_vehicle import RehearsedVehicle
 from services.simulator.autopilot import STEP_S, Sensors
-from services.simulator.commander import Arm, Request, SetParameter
+from services.simulator.commander import Arm, KillSwitch, Request, SetParameter
 from services.simulator.pilot import Pilot
 from services.simulator.px4_hil import Px4Hil
+from services.simulator.radio_control import RadioControl
 
 Array = NDArray[np.float64]
 
@@ -106,7 +107,16 @@ class Px4Vehicle(RehearsedVehicle, Pilot):
 
     # What is done to it.
 
+    @property
+    def radio_control(self) -> RadioControl:
+        """The pilot's."""
+        assert self._hil.radio_control, "the pilot has none: simulator.px4_sitl.radio_control"
+        return self._hil.radio_control
+
     def pilot(self, asked: Request) -> None:
+        if isinstance(asked, KillSwitch):
+            self.radio_control.kill = asked.on
+            return
         assert self._station, "nobody sits at a ground station"
         self._station.ask(asked)
 

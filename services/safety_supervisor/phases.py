@@ -2,7 +2,8 @@
 
 A pure transition function over the phases of `schemas.safety.Phase`. The paper's Ph.1 is takeoff to ready, Ph.2 guiding,
 Ph.3 arrived to landed. Levels come from the rules and from the operator; they override the phase's permit, never raise it.
-KILLED is reached from every phase, by a person alone, and is left only with the process.
+KILLED is reached from every phase, by a person alone, and is left only with the process. A pilot's kill switch is a person's
+word in flight; on the ground it only keeps the vehicle there.
 """
 
 from typing import NamedTuple
@@ -135,8 +136,9 @@ AIRBORNE = (Phase.TAKEOFF, Phase.ZEROING, Phase.READY, Phase.GUIDING, Phase.ARRI
 def _escalate(state: PhaseState, seen: Seen) -> PhaseState | None:
     """What a level does to the phase, or None where the phase goes its own way."""
     level = max(seen.level, state.operator_level)
-    if level >= Level.KILL and state.phase is not Phase.KILLED:
-        return _enter(state, Phase.KILLED, "motors off")
+    asked = state.operator_level >= Level.KILL or state.phase not in (Phase.IDLE, Phase.LANDED)
+    if level >= Level.KILL and asked and state.phase is not Phase.KILLED:
+        return _enter(state._replace(operator_level=Level.KILL), Phase.KILLED, "motors off")
     if state.phase not in AIRBORNE:
         return None
     if level >= Level.DESCEND:

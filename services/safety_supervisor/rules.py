@@ -90,6 +90,8 @@ class Facts(NamedTuple):
     time_of_day_apart_s: float = 0.0
     loop_lag_s: float = 0.0
     """From the force that is felt to the set-point that follows it, on average."""
+    killed: bool = False
+    """The pilot's kill switch is on, so says the autopilot."""
     cable_short_m: float = 0.0
     """How much nearer to the vehicle the handle is seen than the cable is long."""
     cable_caught_m: float = 0.0
@@ -112,6 +114,7 @@ class Rule:
 # fmt: off
 RULES: tuple[Rule, ...] = (
     #    name                 broken when                                          in       debounce level       text                                       cure
+    Rule("pilot_killed",      lambda f, p: f.killed,                                FLYING | {Phase.IDLE, Phase.KILLED}, 0.0, Level.KILL, "the pilot's kill switch is on", "switch it back with nobody near: until then nothing arms"),
     Rule("vehicle_silent",    lambda f, p: f.vehicle_age_s > p.age_ease_s,          FLYING | {Phase.IDLE}, 0.0, Level.EASE, "the vehicle's state is stale",             "check the link between bridge and autopilot"),
     Rule("vehicle_lost",      lambda f, p: f.vehicle_age_s > p.age_hold_s,          FLYING,  0.0, Level.DESCEND, "the vehicle has long been silent",        "let go, step back: the autopilot lands by itself"),
     Rule("autopilot_lands",   lambda f, p: f.autopilot_lands,                       ALOFT,   0.1, Level.DESCEND, "the autopilot lands by itself",           "let go, step back"),

@@ -186,6 +186,7 @@ def _facts(senses: Senses, person: Person, stall_s: float, config: Config) -> Fa
         energy_created_J=energy.created_J if energy else 0.0,
         tank_scale=energy.tank_scale if energy else 1.0,
         battery_fraction=robot.battery_fraction if robot else 1.0,
+        killed=robot is not None and robot.killed,
         stall_s=stall_s,
         clock_uncertainty_s=_clock_uncertainty_s(senses),
         time_of_day_apart_s=abs(clock.time_of_day_apart_s) if clock else 0.0,
@@ -244,11 +245,12 @@ def _seen(action: Action | None, active: list[Rule], senses: Senses, is_held: bo
 
 
 def _reasons(state: phases.PhaseState, active: list[Rule], senses: Senses) -> list[str]:
-    """The gravest first; then why this phase was entered, and what zeroing says."""
+    """The gravest first, after what a person asked for; then why this phase was entered, and what zeroing says."""
     texts = [f"{rule.text}: {_cause(rule, senses) or rule.cure}" for rule in active]
     if state.operator_level >= Level.EASE:
         told = f"a person asked to {state.operator_level.name.lower()}"
-        texts.insert(0, f"{told}: clew resume goes on" if state.operator_level < Level.LAND else told)
+        at = sum(rule.level >= Level.KILL for rule in active)
+        texts.insert(at, f"{told}: clew resume goes on" if state.operator_level < Level.LAND else told)
     force = senses.force.message
     if force and force.tare is Tare.FAILED:
         texts.append(f"zeroing failed: {force.tare_report}")

@@ -205,7 +205,7 @@ def _heard(state: AutopilotState, inputs: Sequence[Input], p: Autopilot) -> tupl
 def _answered(state: AutopilotState, request: Request, p: Autopilot) -> tuple[AutopilotState, Ack]:
     if isinstance(request, SetParameter):
         return _set_parameter(state, request, p)
-    orders, ack = commander.answer(state.commander, request, _situation(state, p), p.commander)
+    orders, ack = commander.answer(state.commander, request, _situation(state, p), state.px4, p.commander)
     if orders.armed and not state.commander.armed:
         fresh = cascade.initial(state.estimate, state.cascade)
         state = state._replace(control=fresh)
@@ -228,7 +228,7 @@ def _retuned(gains: Cascade, px4: Mapping[str, int | float]) -> Cascade:
 
 def _flown(state: AutopilotState, dt: float, p: Autopilot) -> AutopilotState:
     """Motors for the mode that flies; nothing winds up on the ground."""
-    if not state.commander.armed or state.commander.terminated:
+    if not state.commander.armed or state.commander.stopped:
         return state._replace(motors=np.zeros(4))
     setpoint = _setpoint(state)
     control = cascade.without_integrals(state.control) if state.ground.landed else state.control

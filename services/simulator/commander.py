@@ -5,12 +5,14 @@
 | user intention | intention: the mode that was asked for | |
 | failsafe action | failsafe: what overrides it | |
 | COM_OF_LOSS_T, COM_OBL_RC_ACT, COM_DISARM_LAND, COM_DISARM_PRFLT | parameters of the same names | s, -, s, s |
+| COM_KILL_DISARM, COM_RC_IN_MODE | the same | s, - |
 
 The mode that flies is the failsafe's, else the intended one. A mode asked for while disarmed is always accepted,
 offboard without a set-point stream too: accepted is not flying, for arming is then denied. When the stream stops in
 flight the mode is left at the first check after COM_OF_LOSS_T plus a latency. What follows is COM_OBL_RC_ACT's
 choice: Land stays until the vehicle is disarmed; Hold and the sinking of 0 end, and offboard goes on by itself, as
 soon as the stream is back. Sinking does not disarm on the ground either. This is as measured on PX4 main without RC.
+A pilot's kill switch stops the motors at once; armed it stays for COM_KILL_DISARM, in which the switch's way back starts them.
 
 Scalar, for one vehicle: it is a state machine, not a law to broadcast.
 """
@@ -72,6 +74,13 @@ class Terminate(NamedTuple):
     ticket: int = 0
 
 
+class KillSwitch(NamedTuple):
+    """The pilot moves it, at the radio control; nobody answers."""
+
+    on: bool
+    ticket: int = 0
+
+
 class SetOrigin(NamedTuple):
     """Tell where on earth the local origin is; without it Hold is refused."""
 
@@ -92,7 +101,7 @@ class Unsupported(NamedTuple):
     ticket: int = 0
 
 
-Request: TypeAlias = Arm | Switch | Terminate | SetOrigin | SetParameter | Unsupported
+Request: TypeAlias = Arm | Switch | Terminate | KillSwitch | SetOrigin | SetParameter | Unsupported
 Parameters: TypeAlias = Mapping[str, float]
 
 
@@ -112,18 +121,25 @@ class CommanderState(NamedTuple):
     failsafe: Failsafe = Failsafe.NONE
     armed: bool = False
     terminated: bool = False
+    killed: bool = False  # by the switch, until it goes back
     has_origin: bool = False
     has_flown: bool = False
     setpoint_age_s: float = float("inf")
     stream_s: float = 0.0  # how long set-points have come without a gap
     armed_s: float = 0.0
     landed_s: float = 0.0
+    killed_s: float = 0.0
     until_check_s: float = 0.0
 
     @property
     def mode(self) -> Mode:
         """The mode that flies."""
         return _MODE_OF.get(self.failsafe, self.intention)
+
+    @property
+    def stopped(self) -> bool:
+        """No motor turns, armed or not, and it does not arm."""
+        return self.terminated or self.killed
 
 
 class Situation(NamedTuple):
@@ -140,7 +156,15 @@ _MODE_OF = {
     Failsafe.BLIND: Mode.DESCEND,
 }
 _ON_OFFBOARD_LOSS = {0: Failsafe.SINK, 1: Failsafe.SINK, 2: Failsafe.SINK, 4: Failsafe.LAND, 5: Failsafe.HOLD}
-PARAMETERS = ("COM_OF_LOSS_T", "COM_OBL_RC_ACT", "COM_DISARM_LAND", "COM_DISARM_PRFLT")
+PARAMETERS = (
+    "COM_OF_LOSS_T",
+    "COM_OBL_RC_ACT",
+    "COM_DISARM_LAND",
+    "COM_DISARM_PRFLT",
+    "COM_KILL_DISARM",
+    "COM_RC_IN_MODE",
+)
+_NO_PILOT = 4  # COM_RC_IN_MODE: what comes from a radio control is ignored
 
 
 def heard_setpoint(state: CommanderState) -> CommanderState:
@@ -155,6 +179,8 @@ def step(
     state = _aged(state, now, dt, px4)
     if not state.armed:
         return state, ()
+    if state.killed and state.killed_s >= px4["COM_KILL_DISARM"]:
+        return _disarmed(state), ("Disarmed by kill-switch",)
     checked = _disarmed_by_time(_watched(state, now, px4, p), now, px4)
     if state.armed and not checked.armed:
         return checked, ("Disarmed by landing" if state.has_flown else "Disarmed by auto preflight disarming",)
@@ -169,6 +195,7 @@ def _aged(state: CommanderState, now: Situation, dt: float, px4: Parameters) -> 
         setpoint_age_s=age,
         stream_s=state.stream_s + dt if age < px4["COM_OF_LOSS_T"] else 0.0,
         armed_s=state.armed_s + dt if state.armed else 0.0,
+        killed_s=state.killed_s + dt if state.killed else 0.0,
         landed_s=state.landed_s + dt if now.landed and state.failsafe is not Failsafe.SINK else 0.0,
         has_flown=state.armed and (state.has_flown or not now.landed),
         until_check_s=state.until_check_s - dt,
@@ -212,7 +239,9 @@ def _streams(state: CommanderState, p: Commander) -> bool:
     return state.stream_s >= p.proof_of_life_s
 
 
-def answer(state: CommanderState, request: Request, now: Situation, p: Commander) -> tuple[CommanderState, Ack]:
+def answer(
+    state: CommanderState, request: Request, now: Situation, px4: Parameters, p: Commander
+) -> tuple[CommanderState, Ack]:
     """The state after a request, and the answer to it. Parameters are not the commander's: see autopilot.py."""
     match request:
         case Arm(armed=True):
@@ -225,6 +254,8 @@ def answer(state: CommanderState, request: Request, now: Situation, p: Commander
             return _switch(state, mode, now, p)
         case Terminate():
             return state._replace(terminated=True), Ack.ACCEPTED
+        case KillSwitch(on=on):
+            return state._replace(killed=on and px4["COM_RC_IN_MODE"] != _NO_PILOT), Ack.ACCEPTED
         case SetOrigin():
             return state._replace(has_origin=True), Ack.ACCEPTED
         case _:
@@ -234,7 +265,7 @@ def answer(state: CommanderState, request: Request, now: Situation, p: Commander
 def _arm(state: CommanderState, now: Situation, p: Commander) -> tuple[CommanderState, Ack]:
     if state.armed:
         return state, Ack.ACCEPTED
-    if state.terminated or not _can_fly(state, state.intention, now, p) or state.intention is Mode.LAND:
+    if state.stopped or not _can_fly(state, state.intention, now, p) or state.intention is Mode.LAND:
         return state, Ack.DENIED
     return state._replace(armed=True, armed_s=0.0), Ack.ACCEPTED
 

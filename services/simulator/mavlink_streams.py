@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from schemas import frames
 from services.simulator.autopilot import AutopilotState, Sensors
-from services.simulator.commander import Mode
+from services.simulator.commander import CommanderState, Mode
 
 CUSTOM_MODE = {  # PX4's main mode << 16 | sub mode << 24; it shows Descend as Land
     Mode.OFFBOARD: 6 << 16,
@@ -24,7 +24,7 @@ QUADROTOR, PX4 = 2, 12
 VERSION = 0x011100FF
 """1.17.0, as packed."""
 _CUSTOM_MODE_ENABLED, _ARMED = 1, 128
-_STANDBY, _ACTIVE, _TERMINATED = 3, 4, 8
+_STANDBY, _ACTIVE, _TERMINATED = 3, 4, 8  # MAV_STATE
 _ON_GROUND, _IN_AIR = 1, 2
 _BATTERY_CELL_V = 3.5
 _NOT_SET = 65535
@@ -48,8 +48,12 @@ class Moment(NamedTuple):
 def _heartbeat(mav: Any, now: Moment) -> None:
     orders = now.state.commander
     base = _CUSTOM_MODE_ENABLED | (_ARMED if orders.armed else 0)
-    status = _TERMINATED if orders.terminated else _ACTIVE if orders.armed else _STANDBY
-    mav.heartbeat_send(QUADROTOR, PX4, base, CUSTOM_MODE[orders.mode], status)
+    mav.heartbeat_send(QUADROTOR, PX4, base, CUSTOM_MODE[orders.mode], system_status(orders))
+
+
+def system_status(orders: CommanderState) -> int:
+    """As a heartbeat has it."""
+    return _TERMINATED if orders.stopped else _ACTIVE if orders.armed else _STANDBY
 
 
 def _current_mode(mav: Any, now: Moment) -> None:
@@ -99,8 +103,8 @@ def has_begun(state: AutopilotState) -> bool:
 
 
 def pwm_us(state: AutopilotState) -> list[int]:
-    """Of the four motors: 1000 to 2000, and 900 while disarmed."""
-    if not state.commander.armed:
+    """Of the four motors: 1000 to 2000, and 900 while disarmed or stopped."""
+    if not state.commander.armed or state.commander.stopped:
         return [900] * 4
     return [round(1000.0 + 1000.0 * motor) for motor in state.motors.tolist()]
 

@@ -17,6 +17,7 @@ from services.physics import Array
 from services.runtime.plain import PlainError
 from services.simulator.autopilot import STEP_S, Sensors
 from services.simulator.pilot import Pilot
+from services.simulator.radio_control import PERIOD_STEPS, RC_CHANNELS, RadioControl
 from services.simulator.wire import Wire, take_frame, unpack
 
 ANSWER_S = 2.0
@@ -38,13 +39,15 @@ class Px4Lost(PlainError):
 class Px4Hil(Pilot):
     """The pilot at the other end of an accepted connection."""
 
-    def __init__(self, connection: socket.socket) -> None:
+    def __init__(self, connection: socket.socket, radio_control: RadioControl | None = None) -> None:
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         connection.settimeout(ANSWER_S)
         self._socket = connection
         self._wire = Wire(self, _SYSTEM, _COMPONENT)
         self._stream = bytearray()
         self._motors = np.zeros(4)
+        self.radio_control = radio_control
+        """Of a pilot, who may move it at any time; None: there is none."""
         self.time_us = 0
         self.armed = False
         self._answered_us = -1
@@ -66,14 +69,20 @@ class Px4Hil(Pilot):
         return self._motors
 
     def sense(self, sensors: Sensors) -> None:
-        """Send HIL_SENSOR, which moves PX4's clock on. Raises Px4Lost."""
+        """Send HIL_SENSOR, which moves PX4's clock on, and what a radio control says. Raises Px4Lost."""
         self.time_us += _STEP_us
+        self._pilot()
         barometer = self.time_us // _STEP_us % _BAROMETER_STEPS == 0
         force = frames.frd_from_flu(sensors.specific_force_B).tolist()
         rate = frames.frd_from_flu(sensors.omega_B).tolist()
         air = (_pressure_hPa(sensors.height_m), 0.0, sensors.height_m, _ROOM_degC) if barometer else (0.0,) * 4
         updated = _INERTIAL | (_BAROMETER if barometer else 0)
         self._wire.send_fields(_SENSOR, self.time_us, *force, *rate, 0.0, 0.0, 0.0, *air, updated, 0)
+
+    def _pilot(self) -> None:
+        radio = self.radio_control
+        if radio and radio.on and self.time_us // _STEP_us % PERIOD_STEPS == 0:
+            self.send(RC_CHANNELS, *radio.fields(self.time_us))
 
     def miss(self, seconds: float) -> None:
         """PX4's clock follows its sensors' stamps: it sees a gap in them."""

@@ -13,9 +13,10 @@ from pathlib import Path
 
 from services.runtime.plain import PlainError
 from services.sections import Vehicle
-from services.simulator import px4_sitl
+from services.simulator import px4_sitl, radio_control
 from services.simulator.px4_hil import Px4Hil
 from services.simulator.px4_sitl import Px4Parameters, Px4Sitl
+from services.simulator.radio_control import RadioControl
 
 STOP_s = 0.7
 _POLL_s = 0.1
@@ -43,14 +44,16 @@ async def connected(p: Px4Sitl, vehicle: Vehicle, laboratory: Px4Parameters, fol
 
     Its files go to `<folder>/px4`, its words to `<folder>/logs/px4.log`. Raises Px4NotThere.
     """
-    parameters = px4_sitl.of_vehicle(vehicle.quadrotor, vehicle.cascade) | laboratory | p.parameters
+    pilot = RadioControl() if p.radio_control else None
+    held_by_pilot = radio_control.PARAMETERS if pilot else {}
+    parameters = px4_sitl.of_vehicle(vehicle.quadrotor, vehicle.cascade) | laboratory | held_by_pilot | p.parameters
     async with AsyncExitStack() as held:
         listener = held.enter_context(_listening(p.port))
         process = held.enter_context(started(p, parameters, Path(folder)))
         connection = held.enter_context(await _first(listener, p, process, Path(folder)))
         if process is not None:
             _check_parameters(Path(folder), parameters)
-        yield Px4Hil(connection)
+        yield Px4Hil(connection, pilot)
 
 
 @contextmanager

@@ -55,6 +55,8 @@ class Px4Sitl:
     appears_s: Positive
     parameters: Px4Parameters
     """What only the simulation sets; the vehicle's and the laboratory's come before."""
+    radio_control: bool = False
+    """Whether a pilot's is there. PX4 heeds it where COM_RC_IN_MODE lets it."""
 
     @property
     def port(self) -> int:

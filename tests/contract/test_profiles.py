@@ -92,5 +92,6 @@ def test_a_program_that_cannot_run_is_refused_before_anything_starts(tmp_path):
 
 @pytest.mark.parametrize("name", ["drone", "ground"])
 def test_a_pilots_kill_switch_counts_on_hardware(name):
-    """PX4 looks at the radio control's switches only where the radio control may be its source."""
-    assert load(name).px4_bridge.px4["COM_RC_IN_MODE"] == 0
+    """PX4 looks at the radio control's switches only where that may be its source; its way back must not start the motors."""
+    px4 = load(name).px4_bridge.px4
+    assert (px4["COM_RC_IN_MODE"], px4["COM_KILL_DISARM"]) == (0, 0.0)

@@ -17,6 +17,8 @@ PX4 = {
     "COM_OBL_RC_ACT": 4,
     "COM_DISARM_LAND": 2.0,
     "COM_DISARM_PRFLT": 10.0,
+    "COM_KILL_DISARM": 0.0,
+    "COM_RC_IN_MODE": 0,
     "MPC_LAND_SPEED": 0.7,
     "MPC_ACC_DECOUPLE": 0,
 }

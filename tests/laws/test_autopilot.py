@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from services.physics import Array
 from services.simulator import autopilot, estimator
 from services.simulator.autopilot import STEP_S
-from services.simulator.commander import Ack, Arm, Mode, SetOrigin, SetParameter, Switch, Terminate
+from services.simulator.commander import Ack, Arm, KillSwitch, Mode, SetOrigin, SetParameter, Switch, Terminate
 from services.simulator.estimator import EstimatorState
 from tests.laws.standin import ABOVE, Standin, at, parameters
 
@@ -156,6 +156,39 @@ def test_disarming_in_the_air_is_refused_terminating_is_not():
     assert drone.ask(Terminate()) is Ack.ACCEPTED
     drone.run(1.0)
     assert drone.robot.p_W[2] == pytest.approx(drone.body.gear_height_m)
+
+
+def test_a_pilots_kill_switch_disarms_at_once_and_keeps_it_from_arming():
+    drone = flying()
+    drone.ask(KillSwitch(True))
+    assert not drone.armed
+    assert not drone.state.motors.any()
+    drone.run(1.0)
+    assert drone.robot.p_W[2] == pytest.approx(drone.body.gear_height_m)
+    assert drone.ask(Arm(True)) is Ack.DENIED
+    drone.ask(KillSwitch(False))
+    assert not drone.armed
+    assert drone.ask(Arm(True)) is Ack.ACCEPTED
+
+
+def test_where_it_disarms_later_the_switchs_way_back_starts_the_motors_again():
+    drone = flying(COM_KILL_DISARM=1.5)
+    drone.ask(KillSwitch(True))
+    drone.run(1.4)
+    assert drone.armed
+    assert not drone.state.motors.any()
+    drone.ask(KillSwitch(False))
+    assert drone.state.motors.all()
+    drone.ask(KillSwitch(True))
+    assert drone.run(10.0, lambda: not drone.armed) == pytest.approx(1.5, abs=0.01)
+
+
+def test_an_autopilot_that_takes_no_remote_control_does_not_hear_the_switch():
+    drone = flying(COM_RC_IN_MODE=4)
+    drone.ask(KillSwitch(True))
+    drone.run(1.0)
+    assert drone.armed
+    assert np.linalg.norm(drone.robot.p_W - ABOVE) < 0.03
 
 
 def test_two_seconds_without_motion_capture_pass_unnoticed():

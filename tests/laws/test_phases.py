@@ -250,6 +250,16 @@ def test_only_a_person_stops_the_motors(phase: Phase) -> None:
             assert after(PhaseState(phase), 1.0, level=level).phase is not Phase.KILLED
 
 
+@pytest.mark.parametrize("phase", list(Phase))
+def test_a_pilots_kill_switch_ends_a_flight_for_good_and_on_the_ground_keeps_it_there(phase: Phase) -> None:
+    state, decision = tick(PhaseState(phase), level=Level.KILL, action=Action.START, armed=False)
+    if phase in (Phase.IDLE, Phase.LANDED):
+        assert (state.phase, decision.permit) == (phase, Permit.NONE)
+    else:
+        assert (after(state, 1.0, armed=False).phase, decision.permit) == (Phase.KILLED, Permit.KILL)
+        assert phase is Phase.KILLED or state.operator_level is Level.KILL
+
+
 def test_a_clearing_that_does_not_get_on_ends_in_a_landing() -> None:
     """Somebody who does not let go keeps the vehicle near: then it comes down there."""
     took, state = leaves_after(Phase.CLEARING, P.clearing_limit_s + 1.0, held=True)

@@ -56,7 +56,7 @@ FINE = Facts(
 )
 WORST = Facts(
     9.0, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0, False, True, 9.0, 0.0, 0.0, 1.0, 1.0, 9.0, 9.0, 0.0, 0.0, 9.0, 9.0, 9.0, 9.0
-)
+)._replace(killed=True)
 DT = 0.05
 NAMES = {rule.name: rule for rule in RULES}
 # One value on either side of each limit: what breaks exactly this rule (and those that a graver case of it implies).
@@ -91,6 +91,7 @@ CASES: dict[str, tuple[str, object, object, set[str]]] = {
     "battery_low": ("battery_fraction", 0.31, 0.29, set()),
     "battery_empty": ("battery_fraction", 0.16, 0.14, {"battery_low"}),
     "loop_late": ("loop_lag_s", 0.039, 0.041, set()),
+    "pilot_killed": ("killed", False, True, set()),
     "cable_short": ("cable_short_m", 0.079, 0.081, set()),
     "cable_caught": ("cable_caught_m", 0.079, 0.081, set()),
     "host_stall": ("stall_s", 0.09, 0.11, set()),
@@ -248,6 +249,7 @@ FACTS = st.builds(
     battery_fraction=st.floats(0.0, 1.0),
     stall_s=st.floats(0.0, 0.3),
     loop_lag_s=st.floats(0.0, 0.1),
+    killed=st.booleans(),
     cable_short_m=st.floats(-0.2, 0.2),
     cable_caught_m=st.floats(-0.2, 0.2),
 )

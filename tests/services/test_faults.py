@@ -12,6 +12,7 @@ from services.faults.campaign import alone, campaign, processors, unremarked
 from services.faults.catalogue import every, named
 from services.faults.measure import Result, measure
 from services.faults.nominal import flight, flights
+from services.faults.rows.vehicles import heeds_a_pilot
 
 pytestmark = pytest.mark.timeout(1800)  # whoever asks first waits for all
 FAULTS = {fault.name: fault for fault in every()}
@@ -49,6 +50,20 @@ def test_an_autopilot_that_does_not_refuse_is_armed():
     assert fault is not None
     (result,) = campaign([replace(fault, act=lambda stage: None)])
     assert result.broken == ("armed",)
+
+
+def test_after_a_pilots_kill_the_supervisor_says_so(results):
+    killed = results["pilot_kills"]
+    assert (killed.phase, killed.level) == ("killed", "kill")
+    assert killed.reasons[-1].startswith("the pilot's kill switch is on")
+    assert killed.impact_mps > 0.0
+
+
+def test_with_the_parameter_of_the_simulation_a_pilots_kill_switch_does_nothing():
+    """So the hardware's profile has another."""
+    deaf = replace(FAULTS["pilot_kills"], world=lambda config: heeds_a_pilot(config, COM_RC_IN_MODE=4))
+    (result,) = campaign([deaf])
+    assert result.broken == ("motors off after inf s, promised 0.2 s",)
 
 
 def test_a_fault_that_cannot_be_flown_is_no_success():

@@ -28,6 +28,7 @@ SOUND = Found(
     estimate=Estimate(True, 0.005, 0.004),
     arming=(),
     battery_fraction=0.9,
+    pilot=False,
 )
 RIGHT = Wanted(WANTED, Thrust(ThrustSource.ACTUATOR_OUTPUTS, 0.005, False, True), 0.8, 1.5, 0.3)
 
@@ -81,6 +82,20 @@ def test_a_profile_that_would_fly_on_or_climb_again_is_told_too(name, value):
 
 def test_a_vehicle_that_is_set_as_the_profile_wants_may_fly():
     assert against() == []
+
+
+@pytest.mark.parametrize(
+    ("channel", "heard", "told"),
+    [
+        (5, True, []),
+        (0, True, ["RC_MAP_KILL_SW = 0: no channel of the radio control is a kill switch"]),
+        (5, False, ["PX4 hears no pilot's radio control"]),
+    ],
+)
+def test_where_a_pilot_counts_there_must_be_a_kill_switch_that_is_heard(channel, heard, told):
+    heeds = WANTED | {"COM_RC_IN_MODE": 0}
+    found = SOUND._replace(parameters=heeds | {"RC_MAP_KILL_SW": channel}, pilot=heard)
+    assert [what for what, _ in reasons(found, RIGHT._replace(parameters=heeds))] == told
 
 
 @pytest.mark.parametrize("value", [0, 99])

@@ -14,6 +14,7 @@ from pymavlink.dialects.v20 import common as dialect
 from services.physics import GRAVITY_MPS2
 from services.simulator.autopilot import Sensors
 from services.simulator.px4_hil import Px4Hil, Px4Lost
+from services.simulator.radio_control import PARAMETERS, RadioControl
 from services.simulator.wire import Wire, take_frame, unpack
 
 LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
@@ -71,6 +72,28 @@ def test_sensors_go_out_in_px4s_axes_with_a_clock_of_4_ms(ends):
     assert fifth.fields_updated & 0b1000000000
     assert not fifth.fields_updated & 0b111000000
     assert fifth.abs_pressure == pytest.approx(1013.25 * math.exp(-2.0 / 8434.5), rel=1e-6)
+
+
+def test_a_pilots_radio_control_speaks_at_50_Hz_with_its_switch_where_px4_is_told(ends):
+    (hil, px4), heard = ends, []
+    hil.radio_control = RadioControl()
+    for step in range(50):
+        hil.radio_control.kill = step >= 25
+        hil.sense(AT_REST)
+        heard += [m for m in px4.heard() if m.get_type() == "RC_CHANNELS"]
+    assert [m.time_boot_ms for m in heard] == list(range(20, 201, 20))
+    assert {m.chancount for m in heard} == {PARAMETERS["RC_CHAN_CNT"]}
+    sticks = ("RC_MAP_ROLL", "RC_MAP_PITCH", "RC_MAP_THROTTLE", "RC_MAP_YAW")
+    assert {getattr(m, f"chan{PARAMETERS[stick]}_raw") for m in heard for stick in sticks} == {1500}
+    switch = [getattr(m, f"chan{PARAMETERS['RC_MAP_KILL_SW']}_raw") for m in heard]
+    assert switch == [1000] * 5 + [2000] * 5
+
+
+def test_without_a_pilot_nothing_is_heard_of_one(ends):
+    hil, px4 = ends
+    for _ in range(10):
+        hil.sense(AT_REST)
+    assert {m.get_type() for m in px4.heard()} == {"HIL_SENSOR"}
 
 
 def test_while_px4_starts_nobody_waits_for_it(ends):

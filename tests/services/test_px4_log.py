@@ -129,9 +129,11 @@ def test_the_preflight_finds_nothing_against_the_flight_that_was_flown(log, hear
         estimate=Estimate(True, 0.0, 0.0),
         arming=(),
         battery_fraction=vehicle[-1][1].battery_fraction,
+        pilot=False,
     )
     p = CONFIG.px4_bridge.vehicle
     as_flown = CONFIG.px4_bridge.px4 | {"EKF2_BARO_CTRL": 0}  # wanted only since the log was kept
+    del as_flown["COM_KILL_DISARM"]  # the same
     wanted = Wanted(as_flown, Thrust(p.thrust_source, p.thrust_error, True, False), 0.8, 1.5, 0.3)
     assert preflight.reasons(found, wanted) == []
     told["COM_OBL_RC_ACT"] = 0

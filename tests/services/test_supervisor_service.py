@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from schemas.message import TICK
+from schemas.message import TICK, Vec3
 from schemas.safety import Action, OperatorRequest, Permit, Phase
 from schemas.topics import (
     CABLE_FORCE,
@@ -126,6 +126,16 @@ def test_a_start_is_accepted_when_all_is_ready():
     assert started.permit is Permit.POSITION
     assert started.goal_m.array()[:2] == pytest.approx(CONFIG.guided_path.p(0.0)[:2])
     assert rate_Hz(states) == pytest.approx(SAFETY_STATE.rate_Hz, rel=0.02)
+
+
+def test_while_the_pilots_kill_switch_is_on_a_start_is_refused_and_nothing_is_over():
+    on = vehicle(ON_THE_GROUND, armed=False, mode=FlightMode.HOLD).model_copy(update={"killed": True})
+    moving = {VEHICLE_STATE: lambda t: on.model_copy(update={"position_m": Vec3.of(ON_THE_GROUND + noise(t))})}
+    said = asked(READY_FEEDS | moving, Action.START)
+    (reply,) = said[REPLY.key]
+    assert (reply.accepted, reply.text) == (False, "the pilot's kill switch is on")
+    assert {m.phase for m in said[SAFETY_STATE.key]} == {Phase.IDLE}
+    assert said[SAFETY_STATE.key][-1].reasons[0].endswith("with nobody near: until then nothing arms")
 
 
 def test_what_stays_exactly_the_same_is_silence():

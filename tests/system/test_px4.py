@@ -115,6 +115,7 @@ def test_a_person_who_lets_go_is_not_left_behind_by_a_runaway(tmp_path):
         "clock_of_ground_plus_1s",
         "lets_go",
         "pilot_takes_over",
+        "pilot_kills",
     ],
 )
 def test_a_fault_of_the_campaign_leads_to_what_it_must(tmp_path, name):

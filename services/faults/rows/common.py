@@ -21,6 +21,8 @@ OVERHEAD = "the autopilot comes straight down, and the person stands under it un
 DRAGGED = "the autopilot sinks with the cable in the person's hand"
 SINKS = {"tip_hand": OVERHEAD, "tip_head": OVERHEAD, "calm": DRAGGED, "armed": DRAGGED, "impact": DRAGGED}
 """What no software can keep once the autopilot lands by itself with a person under it."""
+FALLS: dict[str, str] = dict.fromkeys(("impact", "tip_hand", "tip_head", "calm"), "it falls")
+"""Nor once the motors are stopped in the air."""
 
 
 def later(seconds: float, act: Callable[[], object]) -> None:

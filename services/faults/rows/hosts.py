@@ -7,7 +7,7 @@ from typing import Any
 from schemas.safety import Action
 from schemas.topics import CABLE_FORCE, GUIDANCE, HANDLE_STATE, SAFETY_STATE, VEHICLE_IMU, VEHICLE_STATE, Topic
 from services.faults.fault import Fault, Group, Reaction
-from services.faults.rows.common import MOMENTS, Act
+from services.faults.rows.common import FALLS, MOMENTS, Act
 from services.rehearsal import meddled_bus as bus
 from services.rehearsal.chain import Stage
 
@@ -54,9 +54,6 @@ def operators() -> Iterator[Fault]:
                     exempt=FALLS)  # fmt: skip
     yield Fault("clew_kill_without_supervisor", Group.OPERATOR, "an operator stops the motors, the supervisor dead", Reaction.DISARMED, 0.2, _kill_alone, watch_s=3.0,
                 exempt=FALLS)  # fmt: skip
-
-
-FALLS: dict[str, str] = dict.fromkeys(("impact", "tip_hand", "tip_head", "calm"), "it falls")
 
 
 def _asks(action: Action) -> Act:

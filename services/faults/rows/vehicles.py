@@ -1,12 +1,14 @@
 """The autopilot refuses, is flown by somebody else, runs out of battery, or is out of reach."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 from schemas.safety import Phase
+from services.config import Config, load
 from services.faults.fault import Fault, Group, Moment, OnPx4, Reaction
-from services.faults.rows.common import MOMENTS, SINKS, Act, later
+from services.faults.rows.common import FALLS, MOMENTS, SINKS, Act, later
 from services.rehearsal.chain import Stage
-from services.simulator.commander import Arm, Mode, Request, SetParameter, Switch
+from services.simulator.commander import Arm, KillSwitch, Mode, Request, SetParameter, Switch
 
 FULL = OnPx4(not_flown="PX4's simulated battery is full while it is disarmed, as it is then")
 FILTERED = OnPx4(late_s=3.0, late="PX4 filters the voltage over a second, so it shows a sudden fall 3 s late")
@@ -41,6 +43,8 @@ def vehicles() -> Iterator[Fault]:
     )
     yield Fault("pilot_lands", V, "a pilot switches to Land", Reaction.LAND, 0.1, _pilot(Mode.LAND), watch_s=12.0,
                 exempt=SINKS)  # fmt: skip
+    yield Fault("pilot_kills", V, "a pilot moves the kill switch at the radio control", Reaction.DISARMED, 0.2, _kill_switch,
+                watch_s=8.0, world=heeds_a_pilot, exempt=FALLS)  # fmt: skip
     for moment in (m for m in MOMENTS if m.phase is not Phase.LANDING):
         name = f"battery_empty_in_{moment.phase}"
         yield Fault(
@@ -74,6 +78,22 @@ def _refuses(request: type[Request]) -> Act:
 
 def _pilot(mode: Mode) -> Act:
     return lambda stage: stage.flight.vehicle.pilot(Switch(mode))
+
+
+def _kill_switch(stage: Stage) -> None:
+    stage.flight.vehicle.pilot(KillSwitch(True))
+
+
+def heeds_a_pilot(config: Config, **otherwise: int | float) -> Config:
+    """With a pilot at a radio control, and the autopilot set as on hardware, or `otherwise`."""
+    px4 = load("drone").px4_bridge.px4 | otherwise
+    simulator, sitl = config.simulator, config.simulator.px4_sitl
+    simulator = replace(
+        simulator,
+        autopilot=replace(simulator.autopilot, px4=px4),
+        px4_sitl=replace(sitl, radio_control=True) if sitl else None,
+    )
+    return config.model_copy(update={"px4_bridge": replace(config.px4_bridge, px4=px4), "simulator": simulator})
 
 
 def _battery(percent: int) -> Act:
