@@ -9,7 +9,7 @@ from schemas.safety import Action, Level, Permit, Phase
 from schemas.topics import ENERGY, REQUEST
 from schemas.vehicle import SetpointKind
 from services.faults.fault import Fault, Reaction
-from services.faults.record import Record
+from services.faults.record import NEVER, Record
 from services.physics import Array
 from services.px4_bridge.energy import ROUNDING_J
 
@@ -44,12 +44,21 @@ def broken(fault: Fault, r: Record, n: dict[str, Any], reached: Level) -> Iterat
         yield "late", f"{n['late_setpoints']} set-points after the death of their loop"
     if n["impact_mps"] > IMPACT_MPS:
         yield "impact", f"met the ground at {n['impact_mps']:.1f} m/s"
+    if text := _landed_in_flight(r):
+        yield "landed", text
     if _left_armed(r):
         yield "armed", "left armed on the ground"
     if text := _resumed(r):
         yield "resumed", text
     if (made_J := max((m.created_J for m in r.flight.said[ENERGY.key]), default=0.0)) > ROUNDING_J:
         yield "energy", f"the filter made {made_J:.1e} J at its ports"
+
+
+def _landed_in_flight(r: Record) -> str:
+    """Whoever is told that it has landed goes near it."""
+    landed_s = next((t for t, m in zip(r.state_s, r.states, strict=True) if m.phase is Phase.LANDED), NEVER)
+    armed = [armed for t, _, armed in r.modes if t <= landed_s]
+    return f"said to have landed at {landed_s:.2f} s, with the motors armed" if landed_s < NEVER and armed[-1] else ""
 
 
 def _left_armed(r: Record) -> bool:

@@ -176,7 +176,7 @@ def fly(
         world = simulator.standing_in(its_own.get("simulator", config), vehicle)
         runs: Runs = {
             "simulator": lambda node: simulator.act(node, world),
-            "px4_bridge": lambda node: bridge.fly(node, its_own.get("px4_bridge", config), vehicle),
+            "px4_bridge": lambda node: bridge.fly(node, its_own.get("px4_bridge", config), vehicle.met_anew()),
         }
         if record:
             runs["recorder"] = _recording(config, record)

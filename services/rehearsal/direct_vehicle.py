@@ -41,7 +41,7 @@ class DirectVehicle(RehearsedVehicle):
 
     def __init__(self, p: telemetry.Vehicle, now_ns: Callable[[], int], delay_s: float = 0.0) -> None:
         super().__init__(p, now_ns)
-        self._p, self._delay_s = p, delay_s
+        self._delay_s = delay_s
         self._to_vehicle: list[Input] = []
         self._waiting: dict[int, asyncio.Future[Ack]] = {}
         self._px4: dict[str, int | float] = {}

@@ -3,13 +3,14 @@
 import asyncio
 from abc import abstractmethod
 from collections.abc import Callable
+from typing import Self
 
 from schemas.vehicle import FlightMode
 from services.px4_bridge import telemetry
 from services.px4_bridge.commanded import CommandedVehicle
 from services.simulator.commander import Request
 
-UNREAD_S = 0.02
+UNREAD_S, HEARTBEAT_S = 0.02, 1.0
 Messages = list[tuple[str, telemetry.Fields]]
 Garble = Callable[[Messages], Messages]
 
@@ -19,6 +20,7 @@ class RehearsedVehicle(CommandedVehicle):
 
     def __init__(self, p: telemetry.Vehicle, now_ns: Callable[[], int]) -> None:
         super().__init__(p, now_ns)
+        self._p = p
         self.sent_ns: list[int] = []
         """When each set-point was sent."""
         self.modes: list[tuple[int, FlightMode, bool]] = []
@@ -32,6 +34,14 @@ class RehearsedVehicle(CommandedVehicle):
         self._going = asyncio.Event()
         self._going.set()
         self._unread: list[Callable[[], None]] = []
+        self._heartbeat_ns = 0
+
+    def met_anew(self) -> Self:
+        """As a process that begins at the bridge's end meets it: in the middle of a second between two heartbeats."""
+        if self._telemetry.heartbeats:
+            self._telemetry = telemetry.Telemetry(self._p)
+            self._heartbeat_ns = self._now_ns() + round(1e9 * HEARTBEAT_S)
+        return self
 
     @abstractmethod
     def pilot(self, asked: Request) -> None:
@@ -73,6 +83,8 @@ class RehearsedVehicle(CommandedVehicle):
 
     def _heard(self, messages: Messages) -> None:
         for name, fields in messages:
+            if name == "HEARTBEAT" and self._now_ns() < self._heartbeat_ns:
+                continue
             self._telemetry.take(name, fields, self._now_ns())
 
     def _wake(self) -> None:

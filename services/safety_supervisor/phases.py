@@ -70,7 +70,8 @@ class Seen(NamedTuple):
     level: Level
     p_R: Array
     v_R: Array
-    armed: bool
+    armed: bool | None
+    """None: nobody has heard it say so, and it may fly."""
     tare: Tare
     held: bool
     end_distance_m: float
@@ -194,7 +195,7 @@ def _arrived(state: PhaseState, seen: Seen, dt: float, plan: Plan, p: Times) -> 
 
 
 def _clearing(state: PhaseState, seen: Seen, dt: float, plan: Plan, p: Times) -> PhaseState:
-    if not seen.armed:  # nothing flies, nothing is to be cleared
+    if seen.armed is False:  # nothing flies, nothing is to be cleared
         return _enter(state, Phase.LANDING)
     if state.leg == 0:
         return _set_out(state, seen, plan) if state.in_phase_s >= p.step_back_s else state
@@ -220,11 +221,11 @@ def _leg(state: PhaseState, plan: Plan) -> Array:
 
 
 def _landing(state: PhaseState, seen: Seen, dt: float, plan: Plan, p: Times) -> PhaseState:
-    return state if seen.armed else _enter(state, Phase.LANDED)
+    return _enter(state, Phase.LANDED) if seen.armed is False else state
 
 
 def _hold(state: PhaseState, seen: Seen, dt: float, plan: Plan, p: Times) -> PhaseState:
-    if not seen.armed:  # it has come down meanwhile
+    if seen.armed is False:  # it has come down meanwhile
         return _enter(state, Phase.LANDING)
     clear = max(seen.level, state.operator_level) < Level.EASE and seen.action is Action.RESUME
     return _enter(state, state.back_to) if clear else state

@@ -21,7 +21,7 @@ from schemas.topics import (
     VEHICLE_STATE,
 )
 from schemas.tracking import HIDDEN, HandleSource
-from schemas.vehicle import FlightMode
+from schemas.vehicle import FlightMode, VehicleState
 from services.config import Config
 from services.physics import Array, dot, norm
 from services.runtime.node import Node, Tick, used
@@ -237,11 +237,16 @@ def _seen(action: Action | None, active: list[Rule], senses: Senses, is_held: bo
         level=active[0].level if active else Level.OK,
         p_R=robot.position_m.array() if robot else np.zeros(3),
         v_R=robot.velocity_mps.array() if robot else np.full(3, np.inf),
-        armed=robot is not None and robot.armed,
+        armed=_armed(robot),
         tare=force.tare if force else Tare.NONE,
         held=is_held,
         end_distance_m=float(np.hypot(away[0], away[1])),
     )
+
+
+def _armed(robot: VehicleState | None) -> bool | None:
+    """A bridge that has begun anew says its word before it has heard the autopilot's."""
+    return robot.armed if robot and (robot.armed or robot.connected) else None
 
 
 def _reasons(state: phases.PhaseState, active: list[Rule], senses: Senses) -> list[str]:

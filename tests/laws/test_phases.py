@@ -213,6 +213,11 @@ def test_asked_to_land_on_the_ground_it_stays_there(phase: Phase) -> None:
     assert after(state, 3 * DT, armed=False).phase is Phase.LANDED
 
 
+@pytest.mark.parametrize("phase", [Phase.CLEARING, Phase.LANDING, Phase.HOLD])
+def test_a_vehicle_that_has_not_said_whether_it_is_armed_has_not_landed(phase: Phase) -> None:
+    assert after(PhaseState(phase), 3 * DT, armed=None).phase is phase
+
+
 def test_resume_cannot_take_back_a_landing() -> None:
     state, _ = tick(PhaseState(Phase.READY), action=Action.LAND)
     state, _ = tick(state, action=Action.RESUME)
