@@ -2,13 +2,17 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test test-faults test-net check bench bench-px4 bench-net figures golden golden-recordings lock clean
+.PHONY: demo test test-quick test-faults test-net check bench bench-px4 bench-net figures golden golden-recordings lock clean
 
 demo: .venv/.ready
 	$(BIN)/clew demo
 
 test: .venv/.ready
 	$(BIN)/python -m pytest --numprocesses=auto --no-loadscope-reorder
+
+# Without the campaign of faults and the studies of the method, which take most of the time.
+test-quick: .venv/.ready
+	$(BIN)/python -m pytest -m "not slow and not net and not faults" --numprocesses=auto --no-loadscope-reorder
 
 # Real processes broken in flight, one flight after the other; and flights in which nothing breaks and nothing may alarm.
 test-faults: .venv/.ready

@@ -20,6 +20,8 @@ from services.guiding_controller.path import project
 from services.physics import norm
 from tests.laws import ideal
 
+pytestmark = pytest.mark.slow
+
 POPULATIONS = Path(__file__).parents[2] / "deploy" / "populations"
 GENERAL = tomllib.loads((POPULATIONS / "general.toml").read_text())
 

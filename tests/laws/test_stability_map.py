@@ -10,6 +10,8 @@ from services.campaign.stability import MEASURED_K_C, MEASURED_N, Flown, Grid, P
 from services.campaign.stability_map import CALM_N, NOT_PASSIVE_MPS_PER_N, verdict
 from services.config import load, load_vehicle
 
+pytestmark = pytest.mark.slow
+
 SECONDS = 12.0  # long enough for the start to be forgotten, or for a limit cycle to grow
 LIMIT_CYCLE_N = 1.0
 RATIOS = {"medium": (0.8, 1.0, 1.2, 1.35, 1.5, 2.0), "light": (0.5, 0.72, 0.8, 1.0)}

@@ -30,6 +30,8 @@ from tests.laws.closed_loop import (
 from tests.laws.strategies import UNIT, vectors
 from tests.laws.test_human import P as PERSON
 
+pytestmark = pytest.mark.slow
+
 
 def across(low: float, high: float) -> st.SearchStrategy[float]:
     """Evenly over the orders of magnitude."""

@@ -9,6 +9,8 @@ from services.console.calibrate import Asked, calibrate
 from services.recorder.reading import read
 from tests.services.by_hand import O_H, held
 
+pytestmark = pytest.mark.slow
+
 OFFSET_M = np.array([0.021, -0.013, 0.087])
 BELIEVED_M = np.array([0.0, 0.02, 0.05])
 LATE_S = 0.044

@@ -14,6 +14,8 @@ from services.guiding_controller import path_file
 from services.recorder import reading, summary
 from tests.services import synthetic
 
+pytestmark = pytest.mark.slow
+
 
 def short(out: Path, **changed) -> Options:
     return replace(Options(people=3, trials=2, seconds=1.0, population="general", out=out), **changed)

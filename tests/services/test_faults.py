@@ -23,11 +23,13 @@ def results() -> dict[str, Result]:
     return {result.name: result for result in campaign(every(), processors())}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FAULTS)
 def test_what_must_hold_holds(results, name):
     assert results[name].ok, (results[name].broken, results[name].reasons)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["force_thousandfold", "lifts_the_hand"])
 def test_what_is_flown_in_a_copy_is_what_is_flown_alone(results, name):
     """In every number: a fault of the bus, and a person's deed."""

@@ -11,6 +11,8 @@ from services.recorder.rerun import rerun
 from services.recorder.rerun_subjects import SUBJECTS
 from tests.golden_recordings import PROFILES, unpacked
 
+pytestmark = pytest.mark.slow
+
 TOLERANCE = 1e-6
 """The machine that recorded may round the last bits otherwise; on the machine itself all bytes are equal. The end of the
 suite's output says which it was, service by service (tests/conftest.py)."""

@@ -13,6 +13,8 @@ from services.campaign.stability_map import Asked
 from services.campaign.values import Limits, values
 from services.console import cli
 
+pytestmark = pytest.mark.slow
+
 GOOD = Asked(vehicle="light", ratio="1", k_c="200", seconds=4.0)
 
 
