@@ -51,7 +51,7 @@ class Flown(Enum):
     NOT_YET = "not yet"
     OFFBOARD = "offboard"
     LEFT = "left"
-    """The autopilot went its own way; it would take new set-points up again without being asked."""
+    """The autopilot goes its own way, or did when this bridge began; it would take new set-points up without being asked."""
 
 
 def flown(before: Flown, permit: Permit, phase: Phase, armed: bool, mode: FlightMode, silent_s: float) -> Flown:

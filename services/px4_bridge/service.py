@@ -65,7 +65,7 @@ class Bridge:
         self._word = self._ears.word
         self._told: VehicleState | None = None
         self._pace = Pace(VEHICLE_STATE.rate_Hz)
-        self._flown, self._streaming_s = orders.Flown.NOT_YET, 0.0
+        self._flown, self._streaming_s = orders.Flown.LEFT, 0.0
         self._trouble = ""
 
     async def say_parameters(self) -> None:
@@ -119,8 +119,9 @@ class Bridge:
             robot, word = self.report_vehicle(tick), ears.listen()
             forces = ears.new_forces(robot.in_air)
             silent_s = (self._node.turn.now_ns() - sent_ns) * 1e-9 if sent_ns else 0.0
-            self._flown = orders.flown(self._flown, word.permit, word.phase, robot.armed, robot.mode, silent_s)
-            if not orders.streams(word.permit, word.phase, robot.armed, robot.mode, self._flown):
+            armed = robot.armed or not robot.connected  # who has not been heard may fly
+            self._flown = orders.flown(self._flown, word.permit, word.phase, armed, robot.mode, silent_s)
+            if not orders.streams(word.permit, word.phase, armed, robot.mode, self._flown):
                 state, self._streaming_s = None, 0.0
                 ears.forget()
                 continue

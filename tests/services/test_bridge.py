@@ -22,7 +22,10 @@ from services.physics import norm
 from services.px4_bridge import flight
 from services.px4_bridge import service as px4_bridge
 from services.px4_bridge.vehicle_protocol import VehicleError
+from services.rehearsal import rehearsed_vehicle
+from services.rehearsal.chain import Stage, until_guiding
 from services.rehearsal.direct_vehicle import DirectVehicle
+from services.rehearsal.quick import quick_config
 from services.runtime.virtual import VirtualClock
 from services.simulator import service as simulator
 from tests.services.alone import (
@@ -35,7 +38,7 @@ from tests.services.alone import (
     since,
     verdict,
 )
-from tests.services.chain import check_balance
+from tests.services.chain import check_balance, fly
 
 CONFIG = load("demo")
 HAND = CONFIG.guided_path.p(0.2)
@@ -249,6 +252,25 @@ def test_an_autopilot_that_left_offboard_is_not_flown_again_when_it_shows_offboa
     assert modes[-1] is FlightMode.OFFBOARD
     assert not flown.said[VEHICLE_STATE.key][-1].armed
     assert not since(flown.said, SETPOINT, 8.0)
+
+
+def test_a_bridge_that_begins_in_flight_does_not_take_the_vehicle_back_however_soon_it_is(monkeypatch):
+    """The autopilot has not missed the old one's set-points yet, and would take the new one's."""
+    monkeypatch.setattr(rehearsed_vehicle, "HEARTBEAT_S", 0.0)
+    killed_ns = []
+
+    async def script(stage: Stage) -> None:
+        await until_guiding(stage, for_s=1.0)
+        stage.kill("px4_bridge")
+        killed_ns.append(stage.operator.clock.now_ns())
+        await asyncio.sleep(0.2)
+        stage.begin("px4_bridge")
+        await asyncio.sleep(2.0)
+
+    flight = fly(quick_config(), script)
+    modes = [mode for at_ns, mode, _ in flight.vehicle.modes if at_ns > killed_ns[0]]
+    assert modes == [FlightMode.LAND]
+    assert flight.vehicle.sent_ns[-1] <= killed_ns[0]
 
 
 def test_a_vehicle_of_another_kind_is_refused_before_it_is_armed():
