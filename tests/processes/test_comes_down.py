@@ -14,7 +14,7 @@ from schemas.topics import SAFETY_STATE, SETPOINT
 from tests.processes import promises
 from tests.processes.deeds import Do, killed, leaked, restarted, spun, stopped
 from tests.processes.system import System, fly
-from tests.processes.window import Window
+from tests.processes.window import NEVER, Window
 
 
 @asynccontextmanager
@@ -120,16 +120,20 @@ def test_without_the_supervisor_a_person_can_still_stop_the_motors(tmp_path):
 
 
 def test_a_supervisor_that_begins_in_flight_holds_until_a_person_resumes_and_then_lands(tmp_path):
+    """Within 3 s; a slow host needs longer for a start, and then the bridge has begun to land."""
+
     async def script(system: System) -> None:
         async with broken_in_the_walk(system, "safety_supervisor", restarted) as window:
-            await system.until(lambda: system.phase is Phase.HOLD, "held")
+            await system.until(lambda: Phase.HOLD in window.phases(), "held")
             await asyncio.sleep(1.0)
             promises.assert_backs_off(window, 0.3)
             assert any("the supervisor began in flight" in reason for reason in window.reasons()), window
-            await system.until_accepted(Action.RESUME)
+            landing = window.lands_s() < NEVER
+            if not landing:
+                await system.until_accepted(Action.RESUME)
             await system.put_down()
         assert Phase.GUIDING not in window.phases()[1:], window
-        assert Phase.CLEARING in window.phases(), window
+        assert (Phase.CLEARING in window.phases()) is not landing, window
 
     fly(tmp_path, script)
 

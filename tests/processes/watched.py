@@ -88,9 +88,9 @@ class Watched:
 
     @property
     def disarmed(self) -> bool:
-        """By the bridge's last word, if that is new."""
+        """By the bridge's last word, if that is new and the autopilot's."""
         state = self.heard[VEHICLE_STATE.key][-1]
-        return not state.armed and time.monotonic() - state.stamp_ns * 1e-9 < STEADY_S
+        return state.connected and not state.armed and time.monotonic() - state.stamp_ns * 1e-9 < STEADY_S
 
     @property
     def pulls(self) -> bool:
