@@ -8,6 +8,7 @@ ear   PROFILE NAME SECONDS KEY...               hears topics as NAME and prints,
 first PROFILE NAME SECONDS KEY                  waits for one valid message and prints it
 who   PROFILE NAME                              prints which names hold a token
 fly   PROFILE NAME SECONDS PHASE                starts the experiment as NAME and prints the phase when it is reached
+until PROFILE NAME SECONDS PHASE                the same of an experiment that goes on
 """
 
 import asyncio
@@ -122,14 +123,21 @@ async def ear(node: Node, topics: list[Topic[Any]], seconds: float, whole: set[s
     print(json.dumps({"rejected": dict(node.rejected), "clock": node.hosts.two}), flush=True)
 
 
-async def fly(node: Node, seconds: float, phase: str) -> None:
-    """Ask until it starts, then wait."""
-    pilot, states = Operator(node), node.stream(SAFETY_STATE)
+async def start(node: Node) -> None:
+    """Ask until it does."""
+    pilot = Operator(node)
+    async for _ in node.ticks(1.0):
+        reply = await pilot.ask(Action.START)
+        if reply and reply.accepted:
+            return
+
+
+async def until(node: Node, seconds: float, phase: str, *, first_start: bool) -> None:
+    """Wait for a phase."""
+    states = node.stream(SAFETY_STATE)
     async with asyncio.timeout(seconds):
-        async for _ in node.ticks(1.0):
-            reply = await pilot.ask(Action.START)
-            if reply and reply.accepted:
-                break
+        if first_start:
+            await start(node)
         async for state in states:
             if state.phase == phase:
                 print(phase, flush=True)
@@ -151,8 +159,8 @@ async def main() -> None:
                     if said.valid:
                         print(json.dumps({"key": rest[1], "said": said.model_dump(mode="json")}), flush=True)
                         return
-        elif kind == "fly":
-            await fly(node, float(rest[0]), rest[1])
+        elif kind in ("fly", "until"):
+            await until(node, float(rest[0]), rest[1], first_start=kind == "fly")
         elif kind == "who":
             print(json.dumps({"alive": sorted(bus.alive(1.5))}), flush=True)
         else:

@@ -1,4 +1,4 @@
-"""The experiment itself, split over two hosts: what an outage of the radio does in the middle of the walk."""
+"""The experiment itself, split over two hosts: what an outage of the radio, or a dead gateway, does in the middle of the walk."""
 
 import itertools
 import math
@@ -8,11 +8,14 @@ from typing import Any
 
 import pytest
 
-from schemas.topics import GUIDANCE, SETPOINT, TOPICS, TRUTH
-from tests.net.conftest import AHEAD_s
+from schemas.safety import Level
+from schemas.topics import GUIDANCE, SAFETY_STATE, SETPOINT, TOPICS, TRUTH
+from schemas.vehicle import SetpointKind
+from tests.net.conftest import AHEAD_s, linked
 from tests.net.two_hosts import TwoHosts, lines, read_until, write_profile
 
 OUTAGE_s, WALKED_s, AFTER_s, WEIGHED_s = 2.0, 8.0, 3.0, 2.0
+SLACK_s, CALM_N = 1.0, 0.3
 GROUND, DRONE = (
     ("simulator", "tracker", "guiding_controller"),
     ("px4_bridge", "force_estimator", "safety_supervisor"),
@@ -105,3 +108,38 @@ def test_an_outage_in_the_walk_takes_the_pull_away_and_stops_nothing_onboard_and
     assert flows_s < 0.5 * OUTAGE_s
     assert during < 1.02 * before
     assert late < 0.5 * before
+
+
+@pytest.mark.parametrize("host", ["ground", "drone"])
+def test_a_gateway_that_dies_in_the_walk_takes_the_pull_away_and_the_vehicle_comes_down(
+    hosts: TwoHosts, profiles: dict[str, str], walking: None, host: str
+):
+    near = listener(hosts, profiles, "drone", f"+{SETPOINT.key}")
+    judge = listener(hosts, profiles, "drone", f"+{SAFETY_STATE.key}")
+    far = listener(hosts, profiles, "ground", f"+{TRUTH.key}")
+    witness = hosts.end("drone", "until", profiles["drone"], "witness", "60", "landed")
+    time.sleep(0.5)
+    hosts.kill_gateway(host)
+    dead_s = time.monotonic()
+    read_until(witness, "landed", 60.0)
+    hosts.processes.remove(witness)
+    sent, judged = (
+        [(m["stamp_ns"] * 1e-9 - AHEAD_s - dead_s, m) for m in said(hosts, ear, topic.key)]
+        for ear, topic in ((near, SETPOINT), (judge, SAFETY_STATE))
+    )
+    felt = [(m["stamp_ns"] * 1e-9 - dead_s, norm(m["hand_force_N"])) for m in said(hosts, far, TRUTH.key)]
+
+    slack_s = next(t for t, m in sent if t > 0.0 and m["kind"] in (SetpointKind.EASE, SetpointKind.HOLD))
+    descends_s = next(t for t, m in judged if t > 0.0 and m["level"] >= Level.DESCEND)
+    before, during, calm = (
+        max(f for t, f in felt if a <= t <= b) for a, b in ((-0.5, 0.0), (0.0, descends_s), (SLACK_s, descends_s))
+    )
+    print(
+        f"{host} gateway dead: slack after {slack_s:.2f} s, descends after {descends_s:.2f} s; "
+        f"force {before:.2f} N before, {during:.2f} N at most after it, {calm:.2f} N from {SLACK_s:g} s on"
+    )
+    assert slack_s < 0.5 * SLACK_s
+    assert during < 1.02 * before
+    assert calm < CALM_N
+    hosts.gateway(host)
+    linked(hosts)

@@ -2,11 +2,8 @@
 
 import itertools
 import json
-import os
-import signal
 import subprocess
 import time
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -144,7 +141,7 @@ def test_a_gateway_that_is_killed_comes_back_and_nobody_at_home_notices(hosts: T
         voice(hosts, "drone", "force_estimator", CABLE_FORCE.key, 250.0, 13.0),
     )
     time.sleep(2.0)
-    os.kill(int(Path(hosts.run_dir(host), "t", f"{host}_gateway.pid").read_text()), signal.SIGKILL)
+    hosts.kill_gateway(host)
     killed_s = time.monotonic() + AHEAD_s
     hosts.gateway(host)
     taken, _ = heard(hosts, onboard, *voices)

@@ -154,6 +154,10 @@ class TwoHosts:
         """That host's gateway, by its profile in the folder."""
         return self.clew(host, "run", "gateway", "--profile", str(self.folder / f"{host}.toml"))
 
+    def kill_gateway(self, host: str) -> None:
+        """With -9."""
+        os.kill(int(Path(self.run_dir(host), "t", f"{host}_gateway.pid").read_text()), signal.SIGKILL)
+
     def end(self, host: str, *arguments: str, **how: Any) -> subprocess.Popen[str]:
         """One end of a conversation, see ends.py."""
         return self.python(host, "tests.net.ends", *arguments, **how)

@@ -94,12 +94,13 @@ class Watched:
 
     @property
     def pulls(self) -> bool:
-        """Whether the person has been pulled along for a while, with nothing above a warning."""
+        """Whether the person has been pulled along for a while, by a cable that is taut, with nothing above a warning."""
         last = Window(self.heard, time.monotonic() - STEADY_S)
         sent = last.all(SETPOINT)
         guided = all(m.kind is SetpointKind.ADMITTANCE and m.u_A_N.x > PULLS_N for _, m in sent)
         easy = max(last.levels(), default=Level.EASE) < Level.EASE
-        return self.phase is Phase.GUIDING and len(sent) > 10 and guided and easy
+        taut = last.pull_N(0.0) > PULLS_N
+        return self.phase is Phase.GUIDING and len(sent) > 10 and guided and easy and taut
 
 
 @asynccontextmanager
