@@ -12,7 +12,7 @@ from schemas.safety import Level
 from schemas.topics import GUIDANCE, SAFETY_STATE, SETPOINT, TOPICS, TRUTH
 from schemas.vehicle import SetpointKind
 from tests.net.conftest import AHEAD_s, linked
-from tests.net.two_hosts import TwoHosts, lines, read_until, write_profile
+from tests.net.two_hosts import TwoHosts, lines, read_until, stop, write_profile
 
 OUTAGE_s, WALKED_s, AFTER_s, WEIGHED_s = 2.0, 8.0, 3.0, 2.0
 SLACK_s, CALM_N = 1.0, 0.3
@@ -44,6 +44,7 @@ def profiles(hosts: TwoHosts) -> dict[str, str]:
 def walking(hosts: TwoHosts, profiles: dict[str, str]) -> None:
     """Everything runs, and the person has been guided for a while."""
     hosts.shape(delay_ms=20.0, jitter_ms=5.0, loss=0.0, rate_Mbit_s=5.0, down=False)
+    linked(hosts)
     for host, names in (("ground", GROUND), ("drone", DRONE)):
         for name in names:
             hosts.clew(host, "run", name, "--profile", profiles[host])
@@ -110,6 +111,7 @@ def test_an_outage_in_the_walk_takes_the_pull_away_and_stops_nothing_onboard_and
     assert late < 0.5 * before
 
 
+@pytest.mark.faults
 @pytest.mark.parametrize("host", ["ground", "drone"])
 def test_a_gateway_that_dies_in_the_walk_takes_the_pull_away_and_the_vehicle_comes_down(
     hosts: TwoHosts, profiles: dict[str, str], walking: None, host: str
@@ -119,15 +121,16 @@ def test_a_gateway_that_dies_in_the_walk_takes_the_pull_away_and_the_vehicle_com
     far = listener(hosts, profiles, "ground", f"+{TRUTH.key}")
     witness = hosts.end("drone", "until", profiles["drone"], "witness", "60", "landed")
     time.sleep(0.5)
-    hosts.kill_gateway(host)
-    dead_s = time.monotonic()
-    read_until(witness, "landed", 60.0)
+    with hosts.without_gateway(host):
+        dead_s = time.monotonic()
+        read_until(witness, "landed", 60.0)
+    stop(witness)
     hosts.processes.remove(witness)
     sent, judged = (
         [(m["stamp_ns"] * 1e-9 - AHEAD_s - dead_s, m) for m in said(hosts, ear, topic.key)]
         for ear, topic in ((near, SETPOINT), (judge, SAFETY_STATE))
     )
-    felt = [(m["stamp_ns"] * 1e-9 - dead_s, norm(m["hand_force_N"])) for m in said(hosts, far, TRUTH.key)]
+    felt = [(m["stamp_ns"] * 1e-9 - dead_s, norm(m["cable_force_N"])) for m in said(hosts, far, TRUTH.key)]
 
     slack_s = next(t for t, m in sent if t > 0.0 and m["kind"] in (SetpointKind.EASE, SetpointKind.HOLD))
     descends_s = next(t for t, m in judged if t > 0.0 and m["level"] >= Level.DESCEND)
@@ -138,8 +141,7 @@ def test_a_gateway_that_dies_in_the_walk_takes_the_pull_away_and_the_vehicle_com
         f"{host} gateway dead: slack after {slack_s:.2f} s, descends after {descends_s:.2f} s; "
         f"force {before:.2f} N before, {during:.2f} N at most after it, {calm:.2f} N from {SLACK_s:g} s on"
     )
+    assert before > 0.5, "nothing was pulling"
     assert slack_s < 0.5 * SLACK_s
     assert during < 1.02 * before
     assert calm < CALM_N
-    hosts.gateway(host)
-    linked(hosts)

@@ -12,7 +12,8 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -154,9 +155,14 @@ class TwoHosts:
         """That host's gateway, by its profile in the folder."""
         return self.clew(host, "run", "gateway", "--profile", str(self.folder / f"{host}.toml"))
 
-    def kill_gateway(self, host: str) -> None:
-        """With -9."""
+    @contextmanager
+    def without_gateway(self, host: str) -> Generator[None]:
+        """It is killed, and another begins at the end."""
         os.kill(int(Path(self.run_dir(host), "t", f"{host}_gateway.pid").read_text()), signal.SIGKILL)
+        try:
+            yield
+        finally:
+            self.gateway(host)
 
     def end(self, host: str, *arguments: str, **how: Any) -> subprocess.Popen[str]:
         """One end of a conversation, see ends.py."""

@@ -85,10 +85,14 @@ class Window:
         return max((pull_N(m) for _, m in self.all(TRUTH, begin_s, end_s)), default=0.0)
 
     def pull_after_N(self) -> float:
-        """The strongest from half a second after backing off, for as long as it stays backed off."""
+        """The strongest from half a second after backing off, for as long as it stays backed off.
+
+        A hand that holds on when the autopilot takes the vehicle down carries some of it, whatever is commanded.
+        """
         begin_s = self.backs_off_s()
         again = (t for t, m in self.all(SETPOINT, begin_s) if m.kind not in SLACK)
-        return self.pull_N(begin_s + CALM_S + self.waited_s(begin_s + CALM_S), next(again, NEVER))
+        end_s = min(next(again, NEVER), self.lands_s())
+        return self.pull_N(begin_s + CALM_S + self.waited_s(begin_s + CALM_S), end_s)
 
     def commanded_N(self, begin_s: float = 0.0, end_s: float = NEVER) -> float:
         """The largest u_A."""
