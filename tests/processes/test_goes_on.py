@@ -61,7 +61,7 @@ FLIGHTS = {
     "force_estimator": (*SHORT, *MIDDLE, *LONG, "restarted", "leaks"),
     "tracker": (*SHORT, *MIDDLE, *LONG),
     "safety_supervisor": (*SHORT, *MIDDLE, *LONG),
-    "recorder": (*MIDDLE, *LONG, "killed, and another started", "disk full", "leaks"),
+    "recorder": (*MIDDLE, *LONG, "disk full", "killed, and another started"),
 }
 BRIDGED = {("tracker", ill) for ill in SHORT}
 """As long as what may be missed of the handle, to a frame: backed off from, or not."""
