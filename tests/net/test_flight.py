@@ -14,6 +14,8 @@ from schemas.vehicle import SetpointKind
 from tests.net.conftest import AHEAD_s, linked
 from tests.net.two_hosts import TwoHosts, lines, read_until, stop, write_profile
 
+pytestmark = pytest.mark.faults
+
 OUTAGE_s, WALKED_s, AFTER_s, WEIGHED_s = 2.0, 8.0, 3.0, 2.0
 SLACK_s, CALM_N = 1.0, 0.3  # a handle that is held weighs as much
 GROUND, DRONE = (
@@ -111,7 +113,6 @@ def test_an_outage_in_the_walk_takes_the_pull_away_and_stops_nothing_onboard_and
     assert late < 0.5 * before
 
 
-@pytest.mark.faults
 @pytest.mark.parametrize("host", ["ground", "drone"])
 def test_a_gateway_that_dies_in_the_walk_takes_the_pull_away_and_the_vehicle_comes_down(
     hosts: TwoHosts, profiles: dict[str, str], walking: None, host: str
