@@ -58,11 +58,8 @@ def _landed_in_flight(r: Record) -> str:
     """Whoever is told that it has landed goes near it."""
     landed_s = next((t for t, m in zip(r.state_s, r.states, strict=True) if m.phase is Phase.LANDED), NEVER)
     heights_m = [m.robot_position_m.z for t, m in zip(r.truth_s, r.truth, strict=True) if t >= landed_s]
-    return (
-        f"said to have landed at {landed_s:.2f} s, {heights_m[0]:.2f} m up"
-        if heights_m and heights_m[0] > GROUND_M
-        else ""
-    )
+    in_flight = heights_m and heights_m[0] > GROUND_M
+    return f"said to have landed at {landed_s:.2f} s, {heights_m[0]:.2f} m up" if in_flight else ""
 
 
 def _left_armed(r: Record) -> bool:

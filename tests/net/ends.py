@@ -132,11 +132,11 @@ async def start(node: Node) -> None:
             return
 
 
-async def until(node: Node, seconds: float, phase: str, *, first_start: bool) -> None:
+async def until(node: Node, seconds: float, phase: str, *, starts: bool) -> None:
     """Wait for a phase."""
     states = node.stream(SAFETY_STATE)
     async with asyncio.timeout(seconds):
-        if first_start:
+        if starts:
             await start(node)
         async for state in states:
             if state.phase == phase:
@@ -160,7 +160,7 @@ async def main() -> None:
                         print(json.dumps({"key": rest[1], "said": said.model_dump(mode="json")}), flush=True)
                         return
         elif kind in ("fly", "until"):
-            await until(node, float(rest[0]), rest[1], first_start=kind == "fly")
+            await until(node, float(rest[0]), rest[1], starts=kind == "fly")
         elif kind == "who":
             print(json.dumps({"alive": sorted(bus.alive(1.5))}), flush=True)
         else:

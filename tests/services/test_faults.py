@@ -54,6 +54,7 @@ def test_an_autopilot_that_does_not_refuse_is_armed():
     assert result.broken == ("armed",)
 
 
+@pytest.mark.slow
 def test_after_a_pilots_kill_the_supervisor_says_so(results):
     killed = results["pilot_kills"]
     assert (killed.phase, killed.level) == ("killed", "kill")
