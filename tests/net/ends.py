@@ -7,7 +7,8 @@ ear   PROFILE NAME SECONDS KEY...               hears topics as NAME and prints,
                                 its standard input ends
 first PROFILE NAME SECONDS KEY                  waits for one valid message and prints it
 who   PROFILE NAME                              prints which names hold a token
-fly   PROFILE NAME SECONDS PHASE                starts the experiment as NAME and prints the phase when it is reached
+fly   PROFILE NAME SECONDS PHASE                starts the experiment as NAME, prints what the supervisor says whenever it
+                                                says something else, and at last `reached` and the phase
 until PROFILE NAME SECONDS PHASE                the same of an experiment that goes on
 """
 
@@ -102,14 +103,14 @@ async def compared(node: Node, topics: list[Topic[Any]]) -> None:
 
 async def ear(node: Node, topics: list[Topic[Any]], seconds: float, whole: set[str]) -> None:
     """Hear, and print at the end, so that printing delays nothing."""
-    heard: list[dict[str, Any]] = []
+    heard: list[tuple[dict[str, Any], Message | None]] = []
 
     async def hear(topic: Topic[Any]) -> None:
         stream = node.stream(topic, depth=1024)
         async for said in stream:
             now_ns = node.clock.now_ns()
             entry = {"key": topic.key, "seq": said.seq, "t_s": now_ns * 1e-9, "age_s": stream.age_s}
-            heard.append(entry | ({"said": said.model_dump(mode="json")} if topic.key in whole else {}))
+            heard.append((entry, said if topic.key in whole else None))
 
     tasks = [asyncio.create_task(hear(topic)) for topic in topics]
     await compared(node, topics)
@@ -118,8 +119,8 @@ async def ear(node: Node, topics: list[Topic[Any]], seconds: float, whole: set[s
     for task in tasks:
         task.cancel()
     await asyncio.gather(*tasks, return_exceptions=True)
-    for entry in heard:
-        print(json.dumps(entry))
+    for entry, said in heard:
+        print(json.dumps(entry | ({"said": said.model_dump(mode="json")} if said else {})))
     print(json.dumps({"rejected": dict(node.rejected), "clock": node.hosts.two}), flush=True)
 
 
@@ -134,14 +135,18 @@ async def start(node: Node) -> None:
 
 async def until(node: Node, seconds: float, phase: str, *, starts: bool) -> None:
     """Wait for a phase."""
-    states = node.stream(SAFETY_STATE)
+    states, told = node.stream(SAFETY_STATE), ""
     async with asyncio.timeout(seconds):
         if starts:
             await start(node)
         async for state in states:
             if state.phase == phase:
-                print(phase, flush=True)
+                print("reached", phase, flush=True)
                 return
+            now = f"{state.phase}, {state.level.name}: {'; '.join(state.reasons)}"
+            if now != told:
+                print(f"{node.clock.now_ns() * 1e-9:.1f} s: {now}", flush=True)
+            told = now
 
 
 async def main() -> None:

@@ -23,6 +23,7 @@ from typing import Any, Self
 from services.gateway import certs
 from services.gateway.radio import Role
 from tests.net import bad_radio
+from tests.processes.host import first
 
 DRONE_IP, GROUND_IP = bad_radio.ADDRESS["a"], bad_radio.ADDRESS["b"]
 NAMES: dict[str, Role] = {"drone": "drone", "ground": "ground", "console": "operator", "screen": "viewer"}
@@ -147,13 +148,14 @@ class TwoHosts:
         self.processes.remove(process)
         return process.returncode, out, log.read_text()
 
-    def clew(self, host: str, *arguments: str) -> subprocess.Popen[str]:
-        """`clew ...` on one of the hosts."""
-        return self.python(host, "services.console.cli", *arguments)
+    def service(self, host: str, name: str, profile: str) -> subprocess.Popen[str]:
+        """`clew run` on one of the hosts, before all that only listens, as where Clew is installed."""
+        clew = (sys.executable, "-P", "-m", "services.console.cli")
+        return self.start(host, *first(loop=True), *clew, "run", name, "--profile", profile)
 
     def gateway(self, host: str) -> subprocess.Popen[str]:
         """That host's gateway, by its profile in the folder."""
-        return self.clew(host, "run", "gateway", "--profile", str(self.folder / f"{host}.toml"))
+        return self.service(host, "gateway", str(self.folder / f"{host}.toml"))
 
     @contextmanager
     def without_gateway(self, host: str) -> Generator[None]:
