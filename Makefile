@@ -19,8 +19,7 @@ test-quick: .venv/.ready
 test-faults: .venv/.ready
 	$(BIN)/python -m pytest -m faults tests
 
-# Needs root: two network namespaces with a bad radio between them. The flights over it, which two slow processors do not
-# carry, are in test-faults.
+# Needs root: two network namespaces with a bad radio between them. The flights over it are in test-faults.
 test-net: .venv/.ready
 	$(BIN)/python -m pytest -m "net and not faults" tests/net
 

@@ -111,8 +111,9 @@ async def _fly(config: Config, script: Callable[[System], Coroutine[Any, Any, T]
 
 async def _note(window: Window, pids: list[int]) -> None:
     """What the host takes."""
+    waits = host.Waits(pids)
     while True:
-        window.waits.append((time.monotonic(), host.waited_s(pids)))
+        window.waits.append((time.monotonic(), waits.in_all_s()))
         await asyncio.sleep(NOTE_S)
 
 

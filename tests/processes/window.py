@@ -46,7 +46,7 @@ class Window:
     def waited_s(self, end_s: float) -> float:
         """What the host took until `end_s`."""
         known = [waited for t, waited in self.waits if t - self.begin_s < end_s]
-        return max(known[-1] - known[0], 0.0) if known else 0.0
+        return known[-1] - known[0] if known else 0.0
 
     @property
     def age_s(self) -> float:
