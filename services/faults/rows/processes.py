@@ -4,8 +4,11 @@ import itertools
 from collections.abc import Iterator
 
 from schemas.safety import Phase
+from schemas.topics import TOPICS
+from services.config import load
 from services.faults.fault import GUIDING, Fault, Group, Moment, Reaction
 from services.faults.rows.common import MOMENTS, SINKS, Act, later
+from services.rehearsal import meddled_bus
 from services.rehearsal.chain import Stage
 
 
@@ -17,6 +20,7 @@ def processes() -> Iterator[Fault]:
         lands = Reaction.LAND if moment.phase is Phase.LANDING else Reaction.EASE
         yield _death(("safety_supervisor",), moment, lands, 0.3, watch_s=12.0)
         yield _death(("px4_bridge",), moment, Reaction.AUTOPILOT_LANDS, 1.0, watch_s=12.0)
+        yield _gateway(moment)
     yield _death(("safety_supervisor", "px4_bridge"), GUIDING, Reaction.AUTOPILOT_LANDS, 1.0, watch_s=12.0)
     for name, moment in itertools.product(RUNNING, MOMENTS):
         for seconds in (0.3, 1.0, 5.0):
@@ -105,6 +109,27 @@ def _death(names: tuple[str, ...], moment: Moment, reaction: Reaction, within_s:
         exempt=SINKS if under else {},
         family=f"{told} killed",
     )
+
+
+def _gateway(moment: Moment) -> Fault:
+    """Whichever it is: for the drone the ground has fallen silent, for as long as nobody starts another."""
+    return Fault(
+        f"kill_gateway_in_{moment.phase}",
+        Group.PROCESS,
+        f"a gateway killed in {moment.phase}: nothing that the ground says arrives",
+        *_after_death("tracker", moment.phase),
+        _silence_the_ground,
+        moment,
+        family="gateway killed",
+    )
+
+
+def _silence_the_ground(stage: Stage) -> None:
+    config = load("ground-sim")
+    for topic in TOPICS:
+        heard_by = {config.host_of(name) for name in topic.subscribers}
+        if config.host_of(topic.publisher) == "ground" and "drone" in heard_by:
+            stage.bus.meddle[topic.key] = meddled_bus.dropped
 
 
 def _stopped(name: str, seconds: float) -> Act:
