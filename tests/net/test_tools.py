@@ -1,16 +1,15 @@
 """What an operator looks with: `clew link` on a host, `clew status` from a console over the radio."""
 
 import json
-import sys
 
 import pytest
 
 from schemas.topics import CABLE_FORCE
-from tests.net.two_hosts import TwoHosts, read_until
+from tests.net.two_hosts import CLEW, TwoHosts, read_until
 
 
 def clew(hosts: TwoHosts, host: str, *words: str) -> tuple[int, str, str]:
-    return hosts.run(host, sys.executable, "-P", "-m", "services.console.cli", *words)
+    return hosts.run(host, *CLEW, *words)
 
 
 def test_link_tells_the_radio_in_numbers(hosts: TwoHosts):

@@ -28,6 +28,7 @@ from tests.processes.host import first
 DRONE_IP, GROUND_IP = bad_radio.ADDRESS["a"], bad_radio.ADDRESS["b"]
 NAMES: dict[str, Role] = {"drone": "drone", "ground": "ground", "console": "operator", "screen": "viewer"}
 ROOT = Path(__file__).parents[2]
+CLEW = (sys.executable, "-P", "-m", "services.console.cli")
 
 
 @cache
@@ -148,10 +149,13 @@ class TwoHosts:
         self.processes.remove(process)
         return process.returncode, out, log.read_text()
 
+    def clew(self, host: str, *arguments: str) -> subprocess.Popen[str]:
+        """`clew ...` on one of the hosts."""
+        return self.start(host, *CLEW, *arguments)
+
     def service(self, host: str, name: str, profile: str) -> subprocess.Popen[str]:
         """`clew run` on one of the hosts, before all that only listens, as where Clew is installed."""
-        clew = (sys.executable, "-P", "-m", "services.console.cli")
-        return self.start(host, *first(loop=True), *clew, "run", name, "--profile", profile)
+        return self.start(host, *first(loop=True), *CLEW, "run", name, "--profile", profile)
 
     def gateway(self, host: str) -> subprocess.Popen[str]:
         """That host's gateway, by its profile in the folder."""

@@ -11,7 +11,7 @@ from typing import Any
 
 from schemas.topics import GUIDANCE, TOPICS
 from tests.net.stranger import PREFIX
-from tests.net.two_hosts import GROUND_IP, TwoHosts, lines, read_until
+from tests.net.two_hosts import CLEW, GROUND_IP, TwoHosts, lines, read_until
 
 ALL = [f"{PREFIX}{topic.key}" for topic in TOPICS]
 COMMAND = json.dumps(
@@ -76,7 +76,7 @@ def speak(hosts: TwoHosts, seconds: float = 1.0) -> None:
 def told(hosts: TwoHosts) -> str:
     """The ground gateway's word in `clew status`, over as many lines as it has there."""
     profile = str(hosts.folder / "ground.toml")
-    _, out, _ = hosts.run("ground", sys.executable, "-P", "-m", "services.console.cli", "status", "--profile", profile)
+    _, out, _ = hosts.run("ground", *CLEW, "status", "--profile", profile)
     rows = [line.split("│") for line in out.splitlines() if line.startswith("│")]
     first = next(n for n, row in enumerate(rows) if "ground_gateway" in row[1])
     more = itertools.takewhile(lambda row: not row[1].strip(), rows[first + 1 :])
@@ -86,7 +86,7 @@ def told(hosts: TwoHosts) -> str:
 def denied(hosts: TwoHosts) -> dict[str, int]:
     """What `clew link` on the ground says that the access rules refused."""
     words = ("link", "--profile", str(hosts.folder / "ground.toml"), "--json")
-    _, out, _ = hosts.run("ground", sys.executable, "-P", "-m", "services.console.cli", *words)
+    _, out, _ = hosts.run("ground", *CLEW, *words)
     return {deed: count for deed, count in json.loads(out)["refused"].items() if " by " in deed}
 
 

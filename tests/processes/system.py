@@ -20,6 +20,7 @@ from services.rehearsal.quick import quicker
 from services.runtime.clock import MonotonicClock
 from services.runtime.launcher import Launched, launch
 from services.runtime.zenoh_bus import open_bus
+from tests.net.two_hosts import CLEW
 from tests.processes import host
 from tests.processes.watched import HEARD, Watched, listening
 from tests.processes.window import Window
@@ -27,7 +28,6 @@ from tests.system.demo_profile import free_port
 
 T = TypeVar("T")
 
-CLEW = (sys.executable, "-P", "-m", "services.console.cli")
 NOTE_S = 0.1
 
 
