@@ -154,7 +154,7 @@ class TwoHosts:
         return self.start(host, *CLEW, *arguments)
 
     def service(self, host: str, name: str, profile: str) -> subprocess.Popen[str]:
-        """`clew run` on one of the hosts, before all that only listens, as where Clew is installed."""
+        """`clew run` on one of the hosts, before all that only listens: in reality no host takes processors from the other."""
         return self.start(host, *first(loop=True), *CLEW, "run", name, "--profile", profile)
 
     def gateway(self, host: str) -> subprocess.Popen[str]:
