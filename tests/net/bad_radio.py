@@ -117,7 +117,7 @@ def main() -> None:
     """As the module says."""
     a, b = (tun(ns, ADDRESS[x], ADDRESS[y]) for ns, x, y in zip(sys.argv[1:], "ab", "ba", strict=True))
     with suppress(PermissionError):
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(50))  # it is hardware: nothing goes before it
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(50))  # hardware: nothing goes before it
     print("ready", flush=True)
     carry(a, b)
 

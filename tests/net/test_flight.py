@@ -17,6 +17,7 @@ from schemas.vehicle import SetpointKind
 from services.safety_supervisor.rules import RULES
 from tests.net.conftest import AHEAD_s, linked
 from tests.net.two_hosts import TwoHosts, lines, read_until, stop, write_profile
+from tests.processes.host import go_first
 
 pytestmark = [pytest.mark.faults, pytest.mark.timeout(240)]
 
@@ -102,6 +103,7 @@ def walk(hosts: TwoHosts, profiles: dict[str, str]) -> Walk:
         far=listener(hosts, profiles, "ground", f"+{TRUTH.key}"),
     )
     for host, names in (("ground", GROUND), ("drone", DRONE)):
+        go_first(hosts.gateway_pid(host))
         for name in names:
             hosts.service(host, name, profiles[host])
     pilot = hosts.end("ground", "fly", profiles["ground"], "operator", "60", "guiding", preexec_fn=gives_way)

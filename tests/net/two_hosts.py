@@ -153,18 +153,22 @@ class TwoHosts:
         """`clew ...` on one of the hosts."""
         return self.start(host, *CLEW, *arguments)
 
-    def service(self, host: str, name: str, profile: str) -> subprocess.Popen[str]:
+    def service(self, host: str, name: str, profile: str) -> None:
         """`clew run` on one of the hosts, before all that only listens: in reality no host takes processors from the other."""
-        return self.start(host, *first(loop=True), *CLEW, "run", name, "--profile", profile)
+        self.start(host, *first(loop=True), *CLEW, "run", name, "--profile", profile)
 
     def gateway(self, host: str) -> subprocess.Popen[str]:
         """That host's gateway, by its profile in the folder."""
-        return self.service(host, "gateway", str(self.folder / f"{host}.toml"))
+        return self.clew(host, "run", "gateway", "--profile", str(self.folder / f"{host}.toml"))
+
+    def gateway_pid(self, host: str) -> int:
+        """Of the one that runs."""
+        return int(Path(self.run_dir(host), "t", f"{host}_gateway.pid").read_text())
 
     @contextmanager
     def without_gateway(self, host: str) -> Generator[None]:
         """It is killed, and another begins at the end."""
-        os.kill(int(Path(self.run_dir(host), "t", f"{host}_gateway.pid").read_text()), signal.SIGKILL)
+        os.kill(self.gateway_pid(host), signal.SIGKILL)
         try:
             yield
         finally:

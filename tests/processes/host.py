@@ -54,9 +54,18 @@ def first(*, loop: bool) -> list[str]:
 
 def go_with_the_others(pid: int) -> None:
     """Take all threads of a process their priority."""
+    _schedule(pid, os.SCHED_OTHER, 0)
+
+
+def go_first(pid: int) -> None:
+    """Give all threads of a process the loops' priority, where that is permitted."""
+    _schedule(pid, os.SCHED_FIFO, LOOPS)
+
+
+def _schedule(pid: int, policy: int, priority: int) -> None:
     for task in os.listdir(f"/proc/{pid}/task"):
         with suppress(PermissionError):
-            os.sched_setscheduler(int(task), os.SCHED_OTHER, os.sched_param(0))
+            os.sched_setscheduler(int(task), policy, os.sched_param(priority))
 
 
 @contextmanager
