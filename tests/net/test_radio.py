@@ -81,12 +81,13 @@ def test_commands_arrive_on_a_bad_radio_with_bulk_beside_them_and_none_is_acted_
     taken, refused = heard(hosts, listener, guiding)
     crowd, _ = heard(hosts, bulk, crowding)
     ages, seqs = of(taken, GUIDANCE.key, "age_s"), of(taken, GUIDANCE.key, "seq")
-    too_old = refused.get(GUIDANCE.key, 0)
-    print(f"age p50 {quantile(ages, 0.5) * 1e3:.0f} ms, p99 {quantile(ages, 0.99) * 1e3:.0f} ms, {too_old} refused")
+    late = refused.get(GUIDANCE.key, 0)
+    print(f"age p50 {quantile(ages, 0.5) * 1e3:.0f} ms, p99 {quantile(ages, 0.99) * 1e3:.0f} ms, {late} refused")
     assert len(crowd) > 500, "there was a crowd, as far as its small window lets it"
     assert len(seqs) > 900
-    assert 1.0 - (len(seqs) + too_old) / (seqs[-1] - seqs[0] + 1) < 0.01, "lost"
-    assert too_old / len(seqs) < 0.02
+    assert 1.0 - (len(seqs) + late) / (seqs[-1] - seqs[0] + 1) < 0.01, "lost"
+    # What the radio loses comes again beside the next one, over another link: where that is ahead, it is refused.
+    assert late / len(seqs) < BAD["loss"]
     assert max(ages) <= LIVES_s + 0.02, "acted on"
     assert quantile(ages, 0.5) < 0.5 * LIVES_s
 
