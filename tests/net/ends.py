@@ -15,7 +15,9 @@ until PROFILE NAME SECONDS PHASE                the same of an experiment that g
 import asyncio
 import json
 import random
+import re
 import sys
+from collections import Counter
 from typing import Any
 
 from schemas.estimation import CableForce, Tare
@@ -101,7 +103,19 @@ async def compared(node: Node, topics: list[Topic[Any]]) -> None:
         await asyncio.sleep(0.05)
 
 
-async def ear(node: Node, topics: list[Topic[Any]], seconds: float, whole: set[str]) -> None:
+class Listener(Node):
+    """Also counts why, whatever the numbers."""
+
+    def __init__(self, *how: Any, **more: Any) -> None:
+        super().__init__(*how, **more)
+        self.why: Counter[str] = Counter()
+
+    def reject(self, topic_key: str, why: str) -> None:
+        self.why[re.sub(r"[0-9.]+", "N", why)] += 1
+        super().reject(topic_key, why)
+
+
+async def ear(node: Listener, topics: list[Topic[Any]], seconds: float, whole: set[str]) -> None:
     """Hear, and print at the end, so that printing delays nothing."""
     heard: list[tuple[dict[str, Any], Message | None]] = []
 
@@ -121,7 +135,7 @@ async def ear(node: Node, topics: list[Topic[Any]], seconds: float, whole: set[s
     await asyncio.gather(*tasks, return_exceptions=True)
     for entry, said in heard:
         print(json.dumps(entry | ({"said": said.model_dump(mode="json")} if said else {})))
-    print(json.dumps({"rejected": dict(node.rejected), "clock": node.hosts.two}), flush=True)
+    print(json.dumps({"rejected": dict(node.rejected), "why": dict(node.why), "clock": node.hosts.two}), flush=True)
 
 
 async def start(node: Node) -> None:
@@ -154,7 +168,7 @@ async def main() -> None:
     kind, profile, name, *rest = sys.argv[1:]
     config = bus_config(load(profile))
     with open_bus(config, name) as bus:
-        node = Node(name, bus, MonotonicClock(), observer=True, placement=config.placement)
+        node = Listener(name, bus, MonotonicClock(), observer=True, placement=config.placement)
         if kind == "voice":
             key, rate_Hz, seconds, *padding = rest
             await voice(node, BY_KEY[key], float(rate_Hz), float(seconds), int(*padding or ["0"]))
